@@ -57,10 +57,8 @@ from palpate.procedures.commands import main
 from palpate.procedures.lab import open as session, operator
 from palpate.procedures.engine import resume
 from palpate.procedures.measurements.load_cell import certificate, report
-from palpate.procedures.measurements.films import procedure as films
-from palpate.procedures.measurements.references import procedure as references
+from palpate.procedures.measurements import films, loads, references
 from palpate.procedures.measurements.object_modulus import procedure as modulus
-from palpate.procedures.measurements.loads import procedure as loads
 from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: None

@@ -49,8 +49,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal
 FORKS = """
 import contextlib, json, os, signal, socket, sys, tempfile, threading
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads import report
+from palpate.procedures.measurements import loads
 from palpate.procedures.records import resumed as resume
 from palpate.procedures.engine import conduct
 from palpate.procedures.commands import main

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import Any
 
 from palpate.drivers.roles import LoadIndicator, SampleChanger
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import Sample, get_sample
-from palpate.procedures.engine.plan import Step
+from palpate.procedures.engine.plan import B, Step
+from palpate.procedures.engine.procedure import P, Procedure, R, S
 from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.settings import Extrapolate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_loads, preload_for
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure
@@ -133,3 +137,34 @@ class StaticLoadWork:
     def end(self) -> None:
         """Move the probe home and check the load cell's zero. Raises BenchError: it has moved."""
         finish(self.bench, self.lab.calibration)
+
+
+# --- What all sweeps have in common --------------------------------------------------------------------
+#
+# A field of `Sweep` is a setting of each sweep: an option of its command, told in its help, kept in its record.
+# `SweepWork` reads it.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Procedure[S, P, R, B]):
+    """A sweep under a dynamic load. Its settings here are given by name."""
+
+    pausable = True
+
+    extrapolate: Extrapolate = False
+
+
+class SweepWork(DynamicLoadWork):
+    """The bench work of a sweep."""
+
+    def __init__(
+        self,
+        lab: Lab,
+        record: Recorder,
+        sweep: Sweep[Any, Any, Any, Any],
+        loads: Sequence[float],
+        frequency: float,
+        samples: Sequence[str],
+    ) -> None:
+        """Arguments and errors as of `DynamicLoadWork`."""
+        super().__init__(lab, record, loads, frequency, samples, sweep.extrapolate)

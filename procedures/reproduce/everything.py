@@ -22,9 +22,8 @@ from palpate.procedures.lab.open import opened
 from palpate.procedures.lab.session import Session, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import SweepResult
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.loads import LoadSweep, SweepResult
+from palpate.procedures.measurements.modulus import ModulusTest
 from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.reproduce import models
 from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent

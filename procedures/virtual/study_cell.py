@@ -24,7 +24,7 @@ from palpate.instrument.signals.estimate import fit_sine, fit_sines
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.lab.software import packages_of
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.steps.checks import check_frequency

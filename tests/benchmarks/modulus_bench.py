@@ -27,9 +27,13 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, _remounts
 from palpate.procedures.measurements.object_modulus.planning import END, costs_of, most_sets
-from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+from palpate.procedures.measurements.object_modulus.procedure import (
+    ModulusPoint,
+    ObjectModulus,
+    ObjectModulusAnswer,
+    _remounts,
+)
 from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench

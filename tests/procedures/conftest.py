@@ -26,8 +26,7 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import LoadSweep, SweepResult
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import NEVER

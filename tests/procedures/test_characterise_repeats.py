@@ -15,9 +15,8 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.characterise.repeats import NOISE, READING, SlopeRepeats
-from palpate.procedures.measurements.characterise.result import FilmsPoint
+from palpate.procedures.measurements.characterise.procedure import NOISE, READING, Characterisation, SlopeRepeats
+from palpate.procedures.measurements.characterise.report import FilmsPoint
 from palpate.procedures.measurements.prospects import MOST_SETS
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 

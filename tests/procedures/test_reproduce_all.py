@@ -20,9 +20,9 @@ from palpate.instrument.signals.harmonics import Distortion
 from palpate.instrument.signals.oscilloscope import ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import propagation
-from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
-from palpate.procedures.measurements.modulus.result import ModulusResult
+from palpate.procedures.measurements.load_cell.report import LoadCellPoint, LoadCellResult
+from palpate.procedures.measurements.loads import LoadPoint, SweepResult, evaluate
+from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import curves, everything, models
 from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent

@@ -67,7 +67,7 @@ def test_the_samples_of_every_arrangement_are_swept_at_three_of_its_loads() -> N
 @pytest.mark.parametrize("parameters", blind.SETS)
 def test_a_blind_sweep_of_the_bench_finds_what_its_model_says(parameters: str, tmp_path: Path) -> None:
     """Each mean lies within four of its uncertainties, so that the distance is the model's and not the bench's."""
-    from palpate.procedures.measurements.loads.procedure import LoadSweep
+    from palpate.procedures.measurements.loads import LoadSweep
     from palpate.procedures.reproduce.everything import _swept, recorded
 
     arrangement = experiments.ARRANGEMENTS[1]

@@ -24,7 +24,7 @@ from palpate.instrument.thesis import contents, read_table
 from palpate.instrument.uncertainty import propagation
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.modulus import ModulusTest
 from palpate.procedures.reproduce import everything
 from palpate.procedures.reproduce.chapter5 import experiments
 from palpate.procedures.reproduce.figure_page import anchor

@@ -20,8 +20,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
 from palpate.procedures.lab import operator as keys
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import LoadPoint
+from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
 from palpate.procedures.measurements.softness.procedure import SoftnessTest
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json

@@ -14,7 +14,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model, unknown_object
-from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate, price_of
+from palpate.procedures.measurements.softness.report import SoftnessPoint, SoftnessResult, evaluate, price_of
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SINGLE = get_design("single")

@@ -12,8 +12,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
-from palpate.procedures.measurements.softness.ranking import ranked_lines
-from palpate.procedures.measurements.softness.result import NotTold, Ranked
+from palpate.procedures.measurements.softness.report import NotTold, Ranked, ranked_lines
 from palpate.testing import steps
 from tests.procedures.conftest import Benches, Palpate, refused
 

@@ -37,9 +37,9 @@ from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
-from palpate.procedures.measurements.frequency import procedure as frequency
-from palpate.procedures.measurements.loads.procedure import floor_of
-from palpate.procedures.measurements.softness import result as softness
+from palpate.procedures.measurements import frequency
+from palpate.procedures.measurements.loads import floor_of
+from palpate.procedures.measurements.softness import report as softness
 from palpate.procedures.reproduce.judging import criterion as bias
 from palpate.procedures.reproduce.judging.criterion import _cells, fitted_line
 from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ

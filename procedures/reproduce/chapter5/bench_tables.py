@@ -12,8 +12,8 @@ from palpate.instrument.findings.compression import LOADING
 from palpate.instrument.models.evidence import GIVEN
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import TableCell, read_table
-from palpate.procedures.measurements.load_cell.result import LoadCellResult
-from palpate.procedures.measurements.modulus.result import ModulusResult
+from palpate.procedures.measurements.load_cell.report import LoadCellResult
+from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.procedures.reproduce.judging.rows import Row, RowCorrelation, RowTable
 
 DIGIT_U = math.sqrt(2 / 3)  # mV: both readings are known to ±1 digit

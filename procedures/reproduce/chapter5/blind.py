@@ -17,7 +17,7 @@ from palpate.instrument.models.validation import SIGN, Validation
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import TableCell, read_table
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import SweepResult
 from palpate.procedures.reproduce.chapter4 import theory
 from palpate.procedures.reproduce.chapter5.columns import RATIO
 from palpate.procedures.reproduce.chapter5.experiments import AT_3_N, Arrangement

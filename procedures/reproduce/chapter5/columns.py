@@ -12,7 +12,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.signals.oscilloscope import ScopeReading
 from palpate.instrument.thesis import ThesisTable, read_table
-from palpate.procedures.measurements.loads.result import LoadPoint
+from palpate.procedures.measurements.loads import LoadPoint
 from palpate.procedures.reproduce.chapter5.traces import Traces
 
 # True over set force in the thesis: 1.029, with a scatter of 2.0 % between samples and 2.4 % within a sample.

@@ -13,7 +13,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, TableCell, ThesisTable, read_table
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
+from palpate.procedures.measurements.loads import LoadPoint, SweepResult
 from palpate.procedures.reproduce.chapter5.columns import (
     FORCES,
     LOAD_BETWEEN,

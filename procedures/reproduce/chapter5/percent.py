@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import TableCell, ThesisTable, read_table
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import SweepResult
 from palpate.procedures.reproduce.chapter4.theory import COLUMNS, beam_ratios, sample_moduli, table_ratio
 from palpate.procedures.reproduce.judging.rows import WITHIN, Comparison, Row, RowCorrelation, RowTable
 

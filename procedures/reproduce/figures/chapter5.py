@@ -13,8 +13,8 @@ from palpate.instrument.models.evidence import Evidence, of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, read_table
-from palpate.procedures.measurements.loads.result import SweepResult
-from palpate.procedures.measurements.modulus.result import ModulusResult
+from palpate.procedures.measurements.loads import SweepResult
+from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.procedures.reproduce.chapter5.blind import MODEL
 from palpate.procedures.reproduce.chapter5.columns import RATIO
 from palpate.procedures.reproduce.chapter5.experiments import AT_3_N, order_by_modulus

@@ -6,29 +6,102 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
 from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
-from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
+from palpate.instrument.findings.compression import (
+    LOADING,
+    POSITION_STEP,
+    UNLOADING,
+    Compression,
+    CompressionPoint,
+    compress,
+)
 from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, DisplaySeries
-from palpate.instrument.quantity import show
+from palpate.instrument.quantity import show, show_with_u
 from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.thesis import COMPRESSION_TABLES, ThesisTable, read_table
+from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report
 from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
-from palpate.procedures.measurements.modulus.result import DisplaysPoint, ModulusResult
+from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.prospects import display_u, load_cell_of
 from palpate.procedures.measurements.settings import Extrapolate, SampleName
+from palpate.procedures.records.columns import Column
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.figure import name_all, new_figure, save
+from palpate.procedures.showing.tables import table_of
+from palpate.procedures.showing.text import MARKS, OUTSIDE, legend, new_table, stamped
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.probe import check_zero, finish, preload, withdraw
 from palpate.procedures.steps.servo import READING_INTERVAL, TRACK_SETTLING, steady
+
+if TYPE_CHECKING:
+    from rich.table import Table as RichTable
+
+# --- the points and the result of a compression test ---------------------------------------------------
+
+NAMES = (
+    ("tangent_modulus", "Pa"), ("secant_modulus", "Pa"), ("unloading_modulus", "Pa"), ("thickness", "m"),
+    ("bench_compliance", "m_per_N"),
+)  # fmt: skip
+
+
+@dataclass(frozen=True, slots=True)
+class DisplaysPoint:
+    """Readings of the indicator at one position."""
+
+    series: Annotated[str, Column('"bare", "loading" or "unloading"')]
+    position_m: Annotated[float, Column("position of the positioner", "m")]
+    reading_mV: Annotated[float, columns.READING]
+    readings_mV: columns.Readings
+    incidents: columns.Incidents
+
+
+@dataclass(frozen=True, slots=True)
+class ModulusResult:
+    """The tested sample and the evaluation of its compression."""
+
+    sample: Sample
+    compression: Compression
+
+    @property
+    def points(self) -> Sequence[CompressionPoint]:
+        """Stress and strain of the sample, with the bench's compliance taken off."""
+        return self.compression.points
+
+    @property
+    def budgets(self) -> Sequence[Propagated]:
+        """The results with their budgets, in the order of NAMES."""
+        return self.results()
+
+    def results(self) -> tuple[Propagated, ...]:
+        """The results, in the order of NAMES."""
+        c = self.compression
+        return c.tangent, c.secant, c.unloading, c.thickness, c.compliance
+
+    def summary(self) -> dict[str, Any]:
+        """The results for JSON; linearity and energy_loss are fractions."""
+        public: dict[str, Any] = {"sample": self.sample.name}
+        for (name, unit), found in zip(NAMES, self.results(), strict=True):
+            public |= {f"{name}_{unit}": found.value, f"{name}_u": found.u}
+        return {
+            **public,
+            "linearity": self.compression.linearity,
+            "energy_loss": self.compression.energy_loss.value,
+            "energy_loss_u": self.compression.energy_loss.u,
+            "thesis_modulus_Pa": self.sample.modulus,
+        }
+
 
 # --- What a compression test is expected to give: Young moduli, thickness, and compliance of the bench -
 #
@@ -235,8 +308,6 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
         return ModulusResult(sample, compress(bare, loading, unloading, calibration, sample.area, area_u))
 
     def report(self, result: ModulusResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.modulus.report import plot_modulus, show_modulus
-
         return Report(partial(show_modulus, result), partial(plot_modulus, result, lab.bench.simulated))
 
 
@@ -348,3 +419,95 @@ class Compressing:
 def _force(sample: Sample, strain: float) -> float:
     """Expected force for a strain, by the sample's known modulus [N]."""
     return sample.modulus * sample.area * strain
+
+
+# --- what it shows -------------------------------------------------------------------------------------
+
+
+def _calibrated(point: CompressionPoint) -> str:
+    return "no" if point.extrapolated else "yes"
+
+
+COMPRESSED = {  # what is printed of a `CompressionPoint`
+    "direction": Column(head="direction"),
+    "position_m": Column(head="position\nmm", cell="z.3f", scale=1e3),
+    "reading_mV": Column(head="meter\nmV", cell="z.1f"),
+    "load_N": Column(head="load\nN", cell="z.3f"),
+    "extrapolated": Column(head="calibrated", cell=_calibrated),
+    "strain": Column(head="strain", cell="z.4f"),
+    "strain_u": Column(head="u", cell="z.4f"),
+    "stress_Pa": Column(head="stress\nkPa", cell="z.2f", scale=1e-3),
+    "stress_u": Column(head="u", cell="z.2f", scale=1e-3),
+    "secant_modulus_Pa": Column(head="secant modulus\nkPa", cell="z.1f", scale=1e-3),
+    "secant_modulus_u": Column(head="u", cell="z.1f", scale=1e-3),
+}
+
+
+def show_modulus(result: ModulusResult, outcome: Outcome) -> list[object]:
+    """The steps, the moduli with the thesis' values, and the bench's compliance."""
+    sample, c = result.sample, result.compression
+    title = f"Compression of sample {sample.name} ({sample.material})"
+    steps = table_of(stamped(outcome["simulated"], title), c.points, COMPRESSED)
+    thesis, loss = _thesis(sample.name), c.energy_loss
+    return [
+        steps,
+        *legend(steps, marks={"no": MARKS[OUTSIDE]}),
+        *(() if thesis is None else (_printed(thesis),)),
+        f"tangent modulus    {_value(c.tangent)}   (thesis: {show(sample.modulus, 'Pa')}, {sample.source})",
+        f"secant modulus     {_value(c.secant)}, at the largest strain",
+        f"unloading modulus  {_value(c.unloading)}",
+        f"thickness          {_value(c.thickness)}, by the contacts on pad and bare support",
+        f"bench              yields {1e3 * c.compliance.value:z.4f} mm/N, u = {1e3 * c.compliance.u:z.4f}, corrected",
+        f"linearity          {100 * c.linearity:z.2f} % of the span",
+        f"energy loss        {100 * loss.value:z.1f} % of the work of loading, u = {100 * loss.u:.2g} %",
+        *(() if thesis is None else (f"Table {thesis.number}: {thesis.doubt}",)),
+    ]
+
+
+def plot_modulus(result: ModulusResult, simulated: bool, folder: Path) -> Path:
+    """Plot stress and secant modulus against strain, with the thesis' values; returns the PNG file."""
+    figure, (left, right) = new_figure(simulated, 2, f"compression of sample {result.sample.name}")
+    for direction, marker in (("loading", "^"), ("unloading", "v")):
+        points = [p for p in result.compression.points if p.direction == direction]
+        strain, strain_u = [p.strain for p in points], [p.strain_u for p in points]
+        for axes, values, u in (
+            (left, [p.stress_Pa for p in points], [p.stress_u for p in points]),
+            (right, [p.secant_modulus_Pa for p in points], [p.secant_modulus_u for p in points]),
+        ):
+            axes.errorbar(
+                strain, [1e-3 * v for v in values], [1e-3 * v for v in u], strain_u, fmt=marker, capsize=2,
+                label=direction,
+            )  # fmt: skip
+    thesis = _thesis(result.sample.name)
+    if thesis is not None:
+        strain = list(thesis.values("strain"))
+        label = f"thesis Table {thesis.number}"
+        left.plot(strain, 1e-3 * thesis.values("stress_Pa"), "k_", ms=10, label=label)
+        right.plot(strain, 1e-3 * thesis.values("modulus_Pa"), "k_", ms=10, label=label)
+    tangent = result.compression.tangent
+    right.axhline(1e-3 * tangent.value, color="k", lw=1, label="tangent modulus")
+    left.set(xlabel="strain", ylabel="stress (kPa; bars: u)")
+    right.set(xlabel="strain", ylabel="secant modulus (kPa; bars: u)", ylim=(0, None))
+    name_all(left)
+    name_all(right, 2)
+    return save(figure, folder)
+
+
+def _thesis(sample: str) -> ThesisTable | None:
+    """The thesis' compression test of a sample; None: it has none (it tests two samples)."""
+    return read_table(COMPRESSION_TABLES[sample]) if sample in COMPRESSION_TABLES else None
+
+
+def _printed(table: ThesisTable) -> RichTable:
+    rows = new_table(
+        stamped(False, f"Thesis, Table {table.number}"), "position\nmm", "strain", "stress\nkPa", "modulus\nkPa"
+    )
+    cells = (table.values(name) for name in ("strain", "stress_Pa", "modulus_Pa"))
+    for position, strain, stress, modulus in zip(table.rows, *cells, strict=True):
+        rows.add_row(position, f"{strain:z.4f}", f"{1e-3 * stress:z.2f}", f"{1e-3 * modulus:z.1f}")
+    return rows
+
+
+def _value(found: Propagated) -> str:
+    value, u = show_with_u(found.value, found.u, found.budget.unit)
+    return f"{value}, u = {u}"

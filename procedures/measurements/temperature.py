@@ -5,12 +5,14 @@ Thesis 2.1.6 and 6.2.
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import pairwise
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 
@@ -19,30 +21,164 @@ from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimate import boxcar, rms
-from palpate.instrument.uncertainty.interpolation import interpolate
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
 from palpate.procedures.engine.promise import Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName
-from palpate.procedures.measurements.sweep import Sweep, SweepWork
-from palpate.procedures.measurements.temperature.result import (
-    FEWEST,
-    FilmWarming,
-    TemperaturePoint,
-    TemperatureResult,
-    evaluate,
-    gain_u,
-)
-from palpate.procedures.records.columns import gathered
+from palpate.procedures.measurements.work import Sweep, SweepWork
+from palpate.procedures.records.columns import Column, columns_of, gathered
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
+from palpate.procedures.showing.tables import table_of
+from palpate.procedures.showing.text import legend, stamped
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.standing import BEFORE, LENGTH, RESPONSE, Added, after_change, before_change
+
+# --- the points and the result of a temperature sweep --------------------------------------------------
+
+FEWEST = 3  # least number of different changes for a slope
+
+
+@dataclass(frozen=True, slots=True)
+class FilmWarming:
+    """One film after a change of temperature."""
+
+    film: Annotated[str, Column("name of the film")]
+    force_N: Annotated[float, Column("force by the fit with a trend, peak to peak", "N")]
+    offset_N: Annotated[
+        float,
+        Column(
+            "what the change has added to the film's steady signal, as a force; NaN: it was lost", "N", "offset N",
+            "+z.3f", u="offset_u",
+        ),
+    ]  # fmt: skip
+    offset_u: Annotated[float, Column(head="u N", cell="z.3f")]
+    trend_N_per_s: Annotated[float, Column("drift of the signal under the load, as a force", "N/s")]
+    error_lock_in: Annotated[float, Column("relative error of a lock-in amplifier on the same record")]
+    error_rms: Annotated[float, Column("relative error of a voltmeter (RMS) on the same record")]
+
+
+@dataclass(frozen=True, slots=True)
+class TemperaturePoint:
+    """One change of temperature, measured while the films warm up."""
+
+    temperature_K: Annotated[float, Column("temperature relative to the start", "K", "K", "g")]
+    step_K: Annotated[float, Column("its change from the one before", "K", "change\nK", "+g")]
+    offset_after_s: Annotated[float, Column("time from the change until the films' offsets were taken", "s")]
+    load_measured_N: columns.MeasuredLoad
+    load_measured_u: float
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    error_lock_in: Annotated[
+        float,
+        Column("relative error of the ratio by a lock-in amplifier", "", "lock-in\nerror %", "+z.3f", 100),
+    ]
+    error_rms: Annotated[
+        float, Column("relative error of the ratio by a voltmeter", "", "voltmeter\nerror %", "+z.2f", 100)
+    ]
+    films: Annotated[tuple[FilmWarming, ...], Column("each film", after="step_K", each="film")]
+    valid: columns.Valid
+    settling_s: columns.Settling
+    attempts: columns.Attempts
+    flags: columns.Flags
+
+
+@dataclass(frozen=True, slots=True)
+class TemperatureResult:
+    """The result of a temperature sweep; values are None with fewer than three different valid changes.
+
+    Attributes:
+        points: the points.
+        offsets: slope of the apparent force right after a change, with its standard uncertainty, by film [N/K].
+        ratio_per_K: relative slope of the force ratio by the fit with a trend, with its standard uncertainty [1/K].
+        largest_lock_in: largest relative error of the ratio by a lock-in amplifier.
+        largest_rms: largest relative error of the ratio by a voltmeter.
+        budgets: uncertainty budget of each slope.
+    """
+
+    points: list[TemperaturePoint]
+    offsets: dict[str, tuple[float, float] | None]
+    ratio_per_K: tuple[float, float] | None
+    largest_lock_in: float | None
+    largest_rms: float | None
+    budgets: tuple[Budget, ...] = ()
+
+    def summary(self) -> dict[str, Any]:
+        """The result for JSON, without its points."""
+        ratio, ratio_u = self.ratio_per_K or (None, None)
+        rows = [(film, *(found or (None, None))) for film, found in self.offsets.items()]
+        return {
+            "offsets": [{"film": film, "offset_N_per_K": slope, "offset_u": u} for film, slope, u in rows],
+            "ratio_per_K": ratio,
+            "ratio_per_K_u": ratio_u,
+            "largest_error_lock_in": self.largest_lock_in,
+            "largest_error_rms": self.largest_rms,
+        }
+
+
+def gain_u(design: Design) -> np.ndarray:
+    """Relative standard uncertainty of the films' gains, by scatter and calibration, shape (films,)."""
+    variance = np.asarray(design.scatter_covariance).diagonal()
+    if design.film_covariance is not None:
+        variance = variance + np.asarray(design.film_covariance).diagonal()
+    found: np.ndarray = np.sqrt(variance)
+    return found
+
+
+def evaluate(points: Sequence[TemperaturePoint], design: Design) -> TemperatureResult:
+    """Find the slopes from the valid points."""
+    valid = [point for point in points if point.valid]
+    warmth = [point.step_K for point in valid]
+    if len(set(warmth)) < FEWEST:
+        return TemperatureResult(list(points), dict.fromkeys(film.name for film in design.films), None, None, None)
+
+    offsets: dict[str, tuple[float, float] | None] = {}
+    budgets = []
+    for i, (film, film_u) in enumerate(zip(design.films, map(float, gain_u(design)), strict=True)):
+        line = interpolate(warmth, [point.films[i].offset_N for point in valid], 0.0)
+        value, line_u = _slope(line)
+        # An error of the gain is common to all rows, so residuals miss it.
+        offsets[film.name] = value, math.hypot(line_u, film_u * value)
+        gain = Component("gain of the film", film_u, sensitivity=value)
+        budgets.append(Budget(f"offset of film {film.name}", value, "N/K", (_about(line), gain)))
+
+    mean = math.fsum(point.force_ratio for point in valid) / len(valid)
+    u = max(point.force_ratio_u for point in valid) / mean
+    line = interpolate(warmth, [point.force_ratio / mean for point in valid], u)
+    ratio = _slope(line)
+    budgets.append(Budget("change of the force ratio with a trend", ratio[0], "1/K", (_about(line),)))
+    return TemperatureResult(
+        points=list(points),
+        offsets=offsets,
+        ratio_per_K=ratio,
+        largest_lock_in=max((point.error_lock_in for point in valid), key=abs),
+        largest_rms=max((point.error_rms for point in valid), key=abs),
+        budgets=tuple(budgets),
+    )
+
+
+def _slope(line: Interpolation) -> tuple[float, float]:
+    """The slope of a line and its standard uncertainty."""
+    return float(line.coefficients[1]), math.sqrt(float(line.covariance[1, 1]))
+
+
+def _about(line: Interpolation) -> Component:
+    """What the points of a line leave open of its slope."""
+    _, u = _slope(line)
+    if not line.by_scatter:
+        return Component("points of the line", u)
+    return Component("scatter about the line", u, degrees_of_freedom=line.degrees_of_freedom, kind="A")
+
 
 # -------------------------------------------------------------------------------------------------------
 # What a temperature sweep is expected to give: the uncertainty of the force ratio's change with temperature
@@ -159,8 +295,6 @@ class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResul
         return evaluate(points, lab.design)
 
     def report(self, result: TemperatureResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.temperature.report import plot_sweep, show_sweep
-
         simulated = lab.bench.simulated
         return Report(partial(show_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
@@ -226,3 +360,37 @@ def _of_ratio(design: Design, read: np.ndarray) -> float:
     rigid = [float(read[i]) for i, film in enumerate(design.films) if film.kind == FILM_KINDS[0]]
     total = [float(read[i]) for i, film in enumerate(design.films) if film.kind == FILM_KINDS[1]]
     return (math.fsum(rigid) / len(rigid)) / (math.fsum(total) / len(total)) - 1
+
+
+# --- what it shows -------------------------------------------------------------------------------------
+
+
+def show_sweep(result: TemperatureResult, design: Design, outcome: Outcome) -> list[object]:
+    """Each change with the force ratio and its errors, then the slopes."""
+    title = "What a change of temperature adds (errors against the fit with a trend)"
+    points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(TemperaturePoint))
+    said = [
+        f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+z.4f} N/K, u = {found[1]:z.4f} N/K")
+        for name, found in result.offsets.items()
+    ]
+    if result.ratio_per_K is not None:
+        slope, u = (100 * value for value in result.ratio_per_K)
+        said.append(f"force ratio, with trend  {slope:+z.3f} %/K, u = {u:z.3f} %/K")
+    return [points, *legend(points), *said]
+
+
+def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Plot the apparent force of each film, and the errors of the ratio, against the change; returns the PNG file."""
+    figure, (left, right) = new_figure(simulated, 2, f"warming films, design {design.name}")
+    change = [p.step_K for p in result.points]
+    for i, (marker, film) in enumerate(zip(itertools.cycle(MARKERS), design.films)):
+        offsets = with_u([p.films[i] for p in result.points], "offset_N")
+        left.errorbar(change, *offsets, fmt=marker, ms=5, lw=1, capsize=2, label=film.name)
+    left.set(xlabel="change of temperature (K)", ylabel="apparent force (N; bars: u)")
+    name_all(left)
+    right.plot(change, [100 * p.error_lock_in for p in result.points], "o", ms=5, label="lock-in amplifier")
+    right.plot(change, [100 * p.error_rms for p in result.points], "s", ms=5, label="voltmeter (RMS)")
+    right.axhline(0, color="k", lw=1, label="fit with trend")
+    right.set(xlabel="change of temperature (K)", ylabel="error of the force ratio (%)")
+    name_all(right)
+    return save(figure, folder)

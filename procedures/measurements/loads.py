@@ -6,26 +6,30 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
-from typing import Annotated
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any, Protocol
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import RunRatio, answer, enough
 from palpate.instrument.allocation.table import Allocation, RunOption, dwells
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
-from palpate.instrument.findings.film_forces import calibration_u, film_forces, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.film_forces import ToothPoint, calibration_u, film_forces, pickup_u
+from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER, mean_ratio
+from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
 from palpate.instrument.sensor.sample import get_sample, parse_samples
 from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width, whole_steps
 from palpate.instrument.signals.estimate import SineFit
+from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import RESULTS, Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate, ratio_of, valid_ratios
+from palpate.procedures.lab.session import Outcome
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.prospects import (
     binding,
     expected_mean,
@@ -36,14 +40,204 @@ from palpate.procedures.measurements.prospects import (
     share,
 )
 from palpate.procedures.measurements.settings import DwellTime, Frequency, tolerance_setting
-from palpate.procedures.measurements.sweep import Sweep, SweepWork
-from palpate.procedures.records.columns import gathered
+from palpate.procedures.measurements.work import Sweep, SweepWork
+from palpate.procedures.records.columns import LAST, Column, columns_of, gathered
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.figure import name_all, new_figure, plot_over_loads, save, with_u
 from palpate.procedures.showing.plan import duration
+from palpate.procedures.showing.tables import NOTHING, table_of
+from palpate.procedures.showing.text import OUTSIDE, legend, new_table, percent, stamped
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
+
+if TYPE_CHECKING:
+    from rich.table import Table
+
+# --- the points and the result of a load sweep ---------------------------------------------------------
+
+
+def marked_load(point: LoadPoint) -> str:
+    """The load that was asked for, with a mark where it lies outside the calibrated range."""
+    return f"{point.load_N:g}{OUTSIDE * point.extrapolated}"
+
+
+@dataclass(frozen=True, slots=True)
+class LoadPoint:
+    """One load on one sample. Forces and voltages are peak to peak."""
+
+    sample: columns.SampleOf
+    load_N: Annotated[float, replace(columns.ASKED, cell=marked_load)]
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
+    load_measured_u: float
+    voltage_rigid_V: Annotated[float, Column("sum of the rigid films' voltages", "V", "rigid\nmV", "z.3f", 1e3)]
+    voltage_total_V: Annotated[float, Column("sum of the base films' voltages", "V", "total\nmV", "z.2f", 1e3)]
+    force_rigid_N: Annotated[float, Column("sum of forces on the teeth", "N", "rigid\nN", "z.3f", u="force_rigid_u")]
+    force_total_N: Annotated[float, Column("sum of forces on the bases", "N", "total\nN", "z.3f", u="force_total_u")]
+    force_ratio: columns.ForceRatio
+    force_ratio_u: columns.ForceRatioU
+    noise_u: columns.NoiseU
+    condition: Annotated[float, Column("condition number of the fit")]
+    valid: columns.Valid
+    dwell_s: Annotated[float | None, Column("the dwell", "s", "dwell\ns", "z.4g")] = None
+    relative_u: Annotated[
+        float | None,
+        Column("`force_ratio_u` over `force_ratio`", "", "u\n%", "z.2f", 100, after="relative_u_predicted"),
+    ] = None
+    relative_u_predicted: Annotated[
+        float | None,
+        Column(
+            "the `relative_u` for which the dwell was chosen; null: the dwell was given", "", "u to be\n%", "z.2f", 100
+        ),
+    ] = None
+    settling_s: Annotated[float | None, columns.SETTLING] = None
+    attempts: columns.Attempts = 1
+    flags: columns.Flags = ()
+    incidents: columns.Incidents = 0
+    teeth: Annotated[tuple[ToothPoint, ...], Column("forces and ratio of each tooth, if there are several")] = ()
+    extrapolated: columns.Extrapolated = False
+    calibration_u: columns.CalibrationU = 0.0
+    force_rigid_u: float | None = None
+    force_total_u: float | None = None
+    pickup_u: columns.PickupU = 0.0
+    degrees_of_freedom: Annotated[float | None, columns.FREEDOM] = None
+
+
+@dataclass(frozen=True, slots=True)
+class SampleMean:
+    """The mean force ratio of one sample over its valid points."""
+
+    sample: columns.SampleOf
+    force_ratio: Annotated[
+        float | None, Column("the mean; null: no point is valid", head="ours", cell="z.4f", u="force_ratio_u")
+    ]
+    force_ratio_u: Annotated[float | None, Column(head="u", cell="z.4f")]
+    valid_points: Annotated[int, Column("number of valid points", head="valid points", after=LAST)]
+    thesis_force_ratio: Annotated[
+        float | None, Column("the thesis' mean; null: it has none", head="thesis", cell="z.4g")
+    ]
+    teeth: Annotated[tuple[float, ...], Column("mean ratio of each tooth to its base, if there are several")] = ()
+
+    @property
+    def relative_u(self) -> float | None:
+        """`force_ratio_u` over `force_ratio`; None: there is no mean."""
+        return self.force_ratio_u / self.force_ratio if self.force_ratio and self.force_ratio_u is not None else None
+
+
+@dataclass(frozen=True, slots=True)
+class SweepResult:
+    """The result of a load sweep.
+
+    Attributes:
+        points: the points.
+        samples: mean force ratio of each sample.
+        softness_order: names of the samples with a valid point, from hard to soft.
+        budgets: uncertainty budget of each mean.
+        halves: half-width of the 95 % interval of each valid point, relative.
+        tolerance: half-width that was asked for; None: none was.
+        tolerance_for: "point", or "mean" of each sample; None: there is no tolerance.
+    """
+
+    points: list[LoadPoint]
+    samples: list[SampleMean]
+    softness_order: list[str]
+    budgets: tuple[Budget, ...]
+    halves: tuple[float, ...] = ()
+    tolerance: float | None = None
+    tolerance_for: str | None = None
+
+    @property
+    def achieved_u(self) -> float | None:
+        """Greatest relative standard uncertainty of what the tolerance is of, else of the means; None: one lacks."""
+        of = {"point": [p.relative_u for p in self.points], "mean": [s.relative_u for s in self.samples]}
+        found = of[self.tolerance_for or "mean"]
+        known = [u for u in found if u is not None]
+        return max(known) if known and len(known) == len(found) else None
+
+    @property
+    def reached(self) -> float | None:
+        """Greatest half-width of a 95 % interval, relative, of what the tolerance is of; None: one is not known."""
+        means = [budget.expanded() / budget.value for budget in self.budgets]
+        found, of = (self.halves, self.points) if self.tolerance_for == "point" else (means, self.samples)
+        return max(found) if found and len(found) == len(of) else None
+
+    def summary(self) -> dict[str, Any]:
+        """The result without its points, under public names."""
+        return {
+            "samples": [asdict(s) for s in self.samples],
+            "softness_order": self.softness_order,
+            **({} if self.tolerance is None else {"tolerance_for": self.tolerance_for}),
+        }
+
+
+class Repeated(Protocol):
+    """Load sets of samples that are repeated for a tolerance of their mean ratios."""
+
+    def answer(self, sample: str, ratios: Sequence[float]) -> RunRatio: ...
+
+
+def ratio_of(sample: str) -> str:
+    """Name of the result for the mean force ratio of a sample."""
+    return f"force ratio of sample {sample}"
+
+
+def valid_ratios(points: Sequence[LoadPoint]) -> list[float]:
+    """Ratios of the valid points."""
+    return [point.force_ratio for point in points if point.valid and point.force_ratio > 0]
+
+
+def evaluate(
+    points: Sequence[LoadPoint], design: Design, repeated: Repeated | None = None, tolerance: float | None = None
+) -> SweepResult:
+    """The mean force ratio of each sample over its valid points, and the samples from hard to soft.
+
+    Args:
+        points: the points.
+        design: the sensor.
+        repeated: the load sets that were repeated, whose own scatter then tells the uncertainty of the mean; None: the
+            scatter of the design tells it.
+        tolerance: the tolerance that was asked for, of a point, or of the mean where sets were repeated.
+    """
+    means, budgets = [], []
+    for name in dict.fromkeys(point.sample for point in points):
+        valid = [point for point in points if point.sample == name and point.valid]
+        n = len(valid)
+        what = ratio_of(name)
+        budget = mean_ratio(what, valid, design.film_freedom) if valid else None
+        if repeated is not None and (ratios := valid_ratios(valid)):
+            budget = _by_scatter(what, repeated.answer(name, ratios))
+        budgets += [budget] if budget else []
+        means.append(
+            SampleMean(
+                sample=name,
+                force_ratio=budget.value if budget else None,
+                force_ratio_u=budget.u if budget else None,
+                valid_points=n,
+                thesis_force_ratio=design.thesis_force_ratio.get(name),
+                teeth=tuple(
+                    math.fsum(t.force_ratio for t in same) / n for same in zip(*(p.teeth for p in valid), strict=True)
+                ),
+            )
+        )
+    known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
+    order = [sample for _, sample in sorted(known, reverse=True)]
+    halves = tuple(_half(point, design) for point in points if point.valid and point.force_ratio > 0)
+    wanted = None if tolerance is None else "point" if repeated is None else "mean"
+    return SweepResult(list(points), means, order, tuple(budgets), halves, tolerance, wanted)
+
+
+def _half(point: LoadPoint, design: Design) -> float:
+    """Half-width of the 95 % interval of a point's ratio, relative."""
+    return mean_ratio("", [point], design.film_freedom).expanded() / point.force_ratio
+
+
+def _by_scatter(quantity: str, found: RunRatio) -> Budget:
+    """The budget of a mean ratio by what its sets scatter."""
+    parts = tuple(replace(part, sensitivity=found.ratio) for part in found.budget.components)
+    return Budget(quantity, found.ratio, "", parts, found.budget.correlations)
+
 
 # -------------------------------------------------------------------------------------------------------
 # A tolerance of the mean ratio of each sample, below what one load set can have: how often the loads are
@@ -328,8 +522,6 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         return evaluate(points, lab.design, plan.basis, self.tolerance)
 
     def report(self, result: SweepResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.loads.report import plot_sweep, show_sweep
-
         simulated = lab.bench.simulated
         return Report(partial(show_sweep, result, lab.design), partial(plot_sweep, result, lab.design, simulated))
 
@@ -374,3 +566,117 @@ def _point(design: Design, calibration: LoadCellCalibration, step: LoadStep, mea
         teeth=forces.teeth if len(forces.teeth) > 1 else (),
         extrapolated=not calibration.covers(step.load_N),
     )  # fmt: skip
+
+
+# --- what it shows -------------------------------------------------------------------------------------
+
+ROUNDING = 1e-6  # of a tolerance
+OF_CHOSEN = ("dwell_s", "relative_u_predicted", "relative_u")  # columns of points whose dwell was chosen
+
+
+def show_sweep(result: SweepResult, design: Design, outcome: Outcome) -> list[object]:
+    """The points, the means beside the thesis' means, and the softness order."""
+    columns = columns_of(LoadPoint)
+    if all(p.relative_u_predicted is None for p in result.points):
+        columns = {name: column for name, column in columns.items() if name not in OF_CHOSEN}
+    title = "Load sets (forces and voltages peak to peak)"
+    points = table_of(stamped(outcome["simulated"], title), result.points, columns)
+    worth = outcome["evidence"] if design.thesis_force_ratio else None
+    columns = columns_of(SampleMean) | {"difference": Column(head="difference", cell=_difference)}
+    if worth:
+        columns["evidence"] = Column(head="evidence", cell=partial(_evidence, worth))
+    means = table_of(stamped(outcome["simulated"], "Mean force ratio"), result.samples, columns)
+    compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
+    repeated = sum(p.attempts - 1 for p in result.points)
+    return [
+        points,
+        *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
+        means,
+        *([_worth(worth, outcome["model"])] if worth else []),
+        f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
+        *legend(points, means),
+        *([] if result.tolerance is None else [_tolerance(result.tolerance, result)]),
+        _forces(result.points),
+        *([f"repeated       {repeated} attempts were rejected; events of the run say why"] if repeated else []),
+    ]
+
+
+def _difference(mean: SampleMean) -> str:
+    """The mean over the thesis' mean, less one."""
+    if mean.force_ratio is None or mean.thesis_force_ratio is None:
+        return NOTHING
+    return f"{100 * (mean.force_ratio / mean.thesis_force_ratio - 1):+z.1f} %"
+
+
+def _evidence(worth: str, mean: SampleMean) -> str:
+    """What agreement of a mean with the thesis is worth."""
+    return NOTHING if mean.force_ratio is None else worth
+
+
+def _tolerance(tolerance: float, result: SweepResult) -> str:
+    """A line that says of what the tolerance is, and what was reached."""
+    of = "the mean of each sample" if result.tolerance_for == "mean" else "each point"
+    half = result.reached
+    reached = f"{plus_minus(half, 3)} reached at most" if half is not None else "not known what was reached"
+    missed = ", NOT REACHED" if half is not None and half > tolerance * (1 + ROUNDING) else ""
+    return f"tolerance      {plus_minus(tolerance, 3)} of {of}: {reached}{missed}"
+
+
+def _worth(evidence: str, model: str | None) -> str:
+    """A line that says what agreement with the thesis' means is worth. The scene's model may contain those means."""
+    if evidence == Evidence.INPUT.value:
+        return f"{evidence}: model {model} is the thesis' own means; agreement shows that the bench measures right"
+    return f"{evidence}: model {model} knows nothing of the thesis' means"
+
+
+def _forces(points: Sequence[LoadPoint]) -> str:
+    """A line with the largest relative uncertainties of the forces. They hardly differ."""
+    rigid, total = (
+        max((u / abs(force) for force, u in pairs if u is not None and force), default=None)
+        for pairs in (
+            [(p.force_rigid_N, p.force_rigid_u) for p in points if p.valid],
+            [(p.force_total_N, p.force_total_u) for p in points if p.valid],
+        )
+    )
+    return f"forces         standard uncertainty, % at most: rigid {percent(rigid)}, total {percent(total)}"
+
+
+def _thesis_order(design: Design, swept: set[str]) -> str:
+    """The softness order of the thesis by its means, and that of its figure at 3 N if it differs."""
+    means = sorted(design.thesis_force_ratio, key=lambda name: design.thesis_force_ratio[name], reverse=True)
+    by_mean, figure = (
+        " > ".join(name for name in order if name in swept) for order in (means, design.thesis_softness_order)
+    )
+    return by_mean if by_mean == figure else f"{by_mean}; its figure at 3 N: {figure}"
+
+
+def _teeth(result: SweepResult, simulated: bool) -> Table:
+    """A table of the mean ratio of each tooth, with a row for each sample."""
+    count = max(len(s.teeth) for s in result.samples)
+    teeth = new_table(
+        stamped(simulated, "Mean force ratio of each tooth to its base"), "sample", *(str(i + 1) for i in range(count))
+    )
+    for s in result.samples:
+        teeth.add_row(s.sample, *(f"{tooth:z.4f}" for tooth in s.teeth))
+    return teeth
+
+
+def plot_sweep(result: SweepResult, design: Design, simulated: bool, folder: Path) -> Path:
+    """Plot force ratios over loads, and the means beside the thesis' means. Returns the PNG file."""
+    figure, (left, right) = new_figure(simulated, 2, f"force ratio, design {design.name}")
+    for which, mean in enumerate(result.samples):
+        points = [p for p in result.points if p.sample == mean.sample]
+        plot_over_loads(left, which, f"sample {mean.sample}", points)
+    if invalid := [p for p in result.points if not p.valid]:
+        left.plot([p.load_N for p in invalid], [p.force_ratio for p in invalid], "rx", ms=10, label="not valid")
+    left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)", ylim=(0, None))
+    name_all(left, 4)
+    shown = [s for s in result.samples if s.valid_points]
+    place = range(len(shown))
+    right.errorbar(place, *with_u(shown, "force_ratio"), fmt="o", capsize=3, label="this run")
+    if design.thesis_force_ratio:
+        right.plot(place, with_u(shown, "thesis_force_ratio")[0], "k_", ms=16, label="thesis, mean of its tables")
+    right.set(xlabel="sample", ylabel="mean force ratio (bars: u)", ylim=(0, None))
+    right.set_xticks(list(place), [s.sample for s in shown])
+    name_all(right)
+    return save(figure, folder)

@@ -9,7 +9,8 @@ import math
 from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
 from functools import cached_property, partial
-from typing import Annotated
+from pathlib import Path
+from typing import Annotated, Any
 
 import numpy as np
 import numpy.typing as npt
@@ -18,39 +19,91 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import enough
 from palpate.instrument.allocation.table import Allocation, OutOfReach, allocate
-from palpate.instrument.calibration.films import FEWEST, LOAD_CELL, REPEATS, FilmReading, calibrate_films
+from palpate.instrument.calibration.films import (
+    FEWEST,
+    LOAD_CELL,
+    REPEATS,
+    FilmCalibration,
+    FilmReading,
+    calibrate_films,
+)
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
 from palpate.instrument.quantity import check_tolerance, counted, plus_minus, show
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit
+from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import RESULTS, Expected, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
-from palpate.procedures.lab.session import CalibrationKeys
-from palpate.procedures.measurements.films.result import FilmResult, PressedPoint
+from palpate.procedures.lab.session import CalibrationKeys, Outcome
+from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
-from palpate.procedures.measurements.prospects import (
-    binding,
-    film_noise,
-    load_cell_of,
-    most_sets,
-    reading_u,
-    refusal,
-)
+from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, most_sets, reading_u, refusal
 from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, tolerance_setting
 from palpate.procedures.measurements.work import DynamicLoadWork
-from palpate.procedures.records.columns import gathered
+from palpate.procedures.records.columns import Column, gathered
 from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.plan import duration
+from palpate.procedures.showing.text import new_table, percent, stamped
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.flags import causes
 from palpate.procedures.steps.probe import lower, withdraw
+
+# --- the points and the result of a film calibration ---------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PressedPoint:
+    """One tooth pressed alone. Loads and voltages are peak to peak."""
+
+    tooth: Annotated[int, Column("number of the tooth, from 1")]
+    frequency_Hz: Annotated[float, Column("frequency of the load", "Hz")]
+    load_N: columns.AskedLoad
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
+    load_measured_u: float
+    extrapolated: columns.Extrapolated
+    voltages_V: columns.Volts
+    voltages_u: tuple[float, ...]
+    valid: columns.Valid
+    flags: columns.Flags
+
+
+@dataclass(frozen=True, slots=True)
+class FilmResult:
+    """The calibration and the points that it comes from."""
+
+    calibration: FilmCalibration
+    points: Sequence[PressedPoint]
+
+    @property
+    def achieved_u(self) -> float:
+        """Greatest relative standard uncertainty of a sensitivity."""
+        return max(film.sensitivity_u / film.sensitivity_mV_per_N for film in self.calibration.films)
+
+    @property
+    def reached(self) -> float:
+        """Greatest half-width of the 95 % interval of a sensitivity, relative."""
+        return max(budget.expanded() / budget.value for budget in self.budgets)
+
+    @property
+    def budgets(self) -> Sequence[Budget]:
+        """The budget of each film's sensitivity."""
+        return self.calibration.budgets()
+
+    def summary(self) -> dict[str, Any]:
+        """The calibration for JSON, without its origin."""
+        found = self.calibration.model_dump()
+        return {name: found[name] for name in ("films", "covariance", "crosstalk", "crosstalk_u", "frequencies_Hz",
+                                               "gain", "least_N", "greatest_N", "load_cell", "expires")}  # fmt: skip
+
 
 # --- What a calibration of the films is expected to give: the uncertainty of each film's sensitivity ---
 #
@@ -312,8 +365,6 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
         return {"film_calibration": found.source, "film_calibration_file": str(path)}
 
     def report(self, result: FilmResult, lab: Lab) -> Report:
-        from palpate.procedures.measurements.films.report import plot_films, show_films
-
         return Report(partial(show_films, result, lab.design), partial(plot_films, result, lab.design))
 
 
@@ -358,3 +409,77 @@ def _voltages(design: Design, tooth: int, fit: SineFit) -> npt.NDArray[np.float6
     own = np.array([tooth in film.teeth for film in design.films])
     part = np.cos(fit.phase - fit.phase[np.argmax(own)])
     return 2 * fit.amplitude * np.where(own, 1.0, part)
+
+
+# --- what it shows -------------------------------------------------------------------------------------
+
+
+def show_films(result: FilmResult, design: Design, outcome: Outcome) -> list[object]:
+    """Each film's results, the crosstalk between several teeth, and the gain over several frequencies."""
+    c = result.calibration
+    table = new_table(
+        stamped(c.simulated, f"Film calibration, design {c.design}"),
+        "film", "mV/N", "u mV/N", "design's mV/N", "clamping", "linearity", "degrees of freedom",
+    )  # fmt: skip
+    for film, own in zip(c.films, design.films, strict=True):
+        table.add_row(
+            film.name,
+            f"{film.sensitivity_mV_per_N:z.3f}",
+            f"{film.sensitivity_u:z.3f}",
+            f"{1e3 * own.sensitivity:z.3f}",
+            f"{film.clamping:z.3f}",
+            f"{100 * film.linearity:z.2f} %",
+            f"{film.degrees_of_freedom}",
+        )
+    tables: list[Any] = [table]
+    if len(design.teeth) > 1:
+        teeth = range(1, len(design.teeth) + 1)
+        crosstalk = new_table(stamped(c.simulated, "Crosstalk"), "film \\ tooth", *map(str, teeth))
+        for name, row in zip(_rigid(design), c.crosstalk, strict=True):
+            crosstalk.add_row(name, *(f"{value:z.4f}" for value in row))
+        tables.append(crosstalk)
+    if len(c.frequencies_Hz) > 1:
+        gain = new_table(stamped(c.simulated, "Gain"), "film", *(f"{frequency:g} Hz" for frequency in c.frequencies_Hz))
+        for film, row in zip(c.films, c.gain, strict=True):
+            gain.add_row(film.name, *(f"{value:z.4f}" for value in row))
+        tables.append(gain)
+    outside = sum(point.extrapolated for point in result.points)
+    return [
+        *tables,
+        *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
+        f"uncertainty    {plus_minus(result.reached)} of a sensitivity at most; u {percent(result.achieved_u)} %"
+        f"{_predicted(outcome)}",
+        f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
+        f"stored in      {outcome['film_calibration_file']}",
+    ]
+
+
+def _predicted(outcome: Outcome) -> str:
+    u = outcome["predicted_u"]
+    return "" if u is None else f" (predicted {percent(u)} %)"
+
+
+def _rigid(design: Design) -> list[str]:
+    return [film.name for film in design.films if film.kind == FILM_KINDS[0]]
+
+
+def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
+    """Plot each film's voltages against the load, with its line, and their deviation from it; returns the PNG file."""
+    c = result.calibration
+    figure, (left, right) = new_figure(c.simulated, 2, f"film calibration, design {c.design}")
+    for number, (film, own) in enumerate(zip(c.films, design.films, strict=True)):
+        mine = [p for p in result.points if p.tooth - 1 in own.teeth]
+        (load, load_u), (volts, u) = with_u(mine, "load_measured_N"), with_u(mine, "voltages_V", 1e3, number)
+        marker = MARKERS[number % len(MARKERS)]
+        look: dict[str, Any] = {"fmt": marker, "ms": 4, "lw": 1, "capsize": 2}
+        left.errorbar(load, volts, u, load_u, **look, label=f"{film.name}: {film.sensitivity_mV_per_N:.3g} mV/N")
+        by_line = [100 / (film.sensitivity_mV_per_N * x) for x in load]
+        off = [each * y - 100 for each, y in zip(by_line, volts, strict=True)]
+        right.errorbar(load, off, [each * y for each, y in zip(by_line, u or (), strict=True)], load_u, **look)
+        ends = [0.0, max(load)]
+        left.plot(ends, [film.sensitivity_mV_per_N * x for x in ends], "k-", lw=0.7)
+    left.set(xlabel="load peak to peak (N)", ylabel="film voltage peak to peak (mV; bars: u)")
+    right.axhline(0, color="k", lw=1)
+    right.set(xlabel="load peak to peak (N)", ylabel="deviation from the line (%; bars: u)")
+    name_all(left, 2)
+    return save(figure, folder)
