@@ -8,8 +8,8 @@ from pathlib import Path
 from typing import Any
 
 from palpate.procedures.records.run import storing
-from palpate.procedures.reproduce.figures.picture import SavedPicture
-from palpate.procedures.reproduce.judging.rows import Comparison, counts_record, counts_said
+from palpate.procedures.reproduce.figures import SavedPicture
+from palpate.procedures.reproduce.rows import Comparison, counts_record, counts_said
 
 REPAIRED = "*"
 PREFACE = """# Against the thesis

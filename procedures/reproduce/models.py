@@ -10,13 +10,11 @@ from types import MappingProxyType
 
 from palpate.instrument.errors import UnknownName
 from palpate.procedures.console.progress import Progress
-from palpate.procedures.reproduce.chapter4 import pair, position, single, theory
-from palpate.procedures.reproduce.curves import RINGS, CurveCase, Curves
-from palpate.procedures.reproduce.figures import chapter4, chapter5
-from palpate.procedures.reproduce.figures.picture import SavedPicture
+from palpate.procedures.reproduce import chapter4, figures
+from palpate.procedures.reproduce.curves import RINGS, CurveCase, Curves, Solutions
+from palpate.procedures.reproduce.figures import SavedPicture
 from palpate.procedures.reproduce.files import write_summary, write_table
-from palpate.procedures.reproduce.judging.rows import Comparison
-from palpate.procedures.reproduce.solutions import Solutions
+from palpate.procedures.reproduce.rows import Comparison
 
 PROCEDURE = "reproduce-models"
 SETS = ("physical", "identified")
@@ -26,13 +24,13 @@ Compare = Callable[[Sequence[str], Curves], Comparison]
 # Tables in the order in which they are made.
 TABLES: Mapping[str, Compare] = MappingProxyType(
     {
-        **{number: partial(single.compare, number) for number in ("A2.1", "4.1", "A2.2", "4.2")},
+        **{number: partial(chapter4.compare_single, number) for number in ("A2.1", "4.1", "A2.2", "4.2")},
         **{
-            number: partial(pair.compare, number)
+            number: partial(chapter4.compare_pair, number)
             for number in ("A2.3", "4.5", "A2.5", "4.3", "A2.4", "4.6", "A2.6", "4.4")
         },
-        "A2.7": position.compare,
-        "5.8": theory.compare,
+        "A2.7": chapter4.compare_position,
+        "5.8": chapter4.compare_theories,
     }
 )
 
@@ -63,10 +61,12 @@ def parameter_sets(name: str) -> tuple[str, ...]:
 
 def cases(parameters: Sequence[str]) -> list[CurveCase]:
     """Every curve that tables and figures need."""
-    pairs = [pair.cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS]
-    singles = [single.cases(parameters, ring) for ring in RINGS]
+    pairs = [
+        chapter4.pair_cases(parameters, design, ring) for design in ("common_base", "different_base") for ring in RINGS
+    ]
+    singles = [chapter4.single_cases(parameters, ring) for ring in RINGS]
     wanted = [case for cases in (*singles, *pairs) for case in cases.values()]
-    return [*wanted, *chapter4.cases(parameters), *chapter5.cases(parameters)]
+    return [*wanted, *figures.model_cases(parameters), *figures.bench_cases(parameters)]
 
 
 def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh: bool = False) -> Curves:
@@ -85,14 +85,16 @@ def run(parameters: Sequence[str], done: Reproduction, progress: Progress, fresh
         RecordError: a file cannot be written.
     """
     solutions = Solutions() if fresh else Solutions.shipped()
-    curves = Curves(cases(parameters), extra=len(position.sets(parameters)), progress=progress, solutions=solutions)
+    curves = Curves(
+        cases(parameters), extra=len(chapter4.position_sets(parameters)), progress=progress, solutions=solutions
+    )
     try:
         for compare in TABLES.values():
             comparison = compare(parameters, curves)
             done.tables.append((comparison, write_table(comparison, done.folder)))
             if comparison.table.number == "A2.7":
-                done.pictures.append(chapter4.draw_position(comparison, done.folder))
-        for picture in chapter4.pictures(parameters, curves, done.folder):
+                done.pictures.append(figures.draw_position(comparison, done.folder))
+        for picture in figures.model_pictures(parameters, curves, done.folder):
             done.pictures.append(picture)
     finally:
         if done.tables:  # also after an interruption

@@ -40,8 +40,8 @@ from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degr
 from palpate.procedures.measurements import frequency
 from palpate.procedures.measurements.loads import floor_of
 from palpate.procedures.measurements.softness import report as softness
-from palpate.procedures.reproduce.judging import criterion as bias
-from palpate.procedures.reproduce.judging.criterion import _cells, fitted_line
+from palpate.procedures.reproduce import criterion as bias
+from palpate.procedures.reproduce.criterion import _cells, fitted_line
 from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ
 from palpate.procedures.steps.film_point import is_short
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER

@@ -22,7 +22,7 @@ from palpate.instrument.thesis import ThesisTable
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.curves import RING, ring_of
-from palpate.procedures.reproduce.judging.rows import HARD_END, WITHIN, Count, Row, RowTable
+from palpate.procedures.reproduce.rows import HARD_END, WITHIN, Count, Row, RowTable
 
 # -------------------------------------------------------------------------------------------------------
 # The law of the thesis' three-dimensional tables: tooth force over ring force is a straight line in the modulus
