@@ -43,9 +43,17 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.film_material import FILM_MATERIALS
     from palpate.instrument.sensor.material import Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
-    from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, Work, until_full
-    from palpate.procedures.engine.promise import Expected, predicted
-    from palpate.procedures.engine.result import SimpleResult
+    from palpate.procedures.engine.procedure import (
+        Expected,
+        Measurement,
+        Procedure,
+        Report,
+        RequiredLoads,
+        SimpleResult,
+        Work,
+        predicted,
+        until_full,
+    )
     from palpate.procedures.engine.settings import Setting
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench
@@ -103,9 +111,8 @@ _PLACES = {
     "instrument.sensor.film_material": "FILM_MATERIALS",
     "instrument.sensor.material": "Material",
     "procedures.engine.plan": "Plan Predicted Step",
-    "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads Work until_full",
-    "procedures.engine.promise": "Expected predicted",
-    "procedures.engine.result": "SimpleResult",
+    "procedures.engine.procedure": "Expected Measurement Procedure Report RequiredLoads SimpleResult Work predicted"
+    " until_full",
     "procedures.engine.settings": "Setting",
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench",

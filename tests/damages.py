@@ -28,8 +28,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
 from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
-from palpate.procedures.study.block import MEASURED, BlockBuilder
-from palpate.procedures.study.run import Store, stored
+from palpate.procedures.study.run import MEASURED, BlockBuilder, Store, stored
 
 Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")

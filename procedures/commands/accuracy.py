@@ -196,8 +196,7 @@ def scene_command(
     The effect that changes force and force ratio least is left out first. Each subset is measured together, against the
     whole scene with the same noise. Of all subsets only these are tried, as many as there are effects.
     """
-    from palpate.procedures.virtual.explained import Question
-    from palpate.procedures.virtual.scene_front import SceneFront, plot_front, print_front
+    from palpate.procedures.virtual.explained import Question, SceneFront, plot_front, print_front
 
     output = Output(as_json, quiet)
     make_folder(out)

@@ -155,7 +155,7 @@ def scan(
     known is told as one that "could be" a kind whose registers it has: look at its label. Ctrl-C leaves what was found.
     Exit status 1: nobody answers.
     """
-    from palpate.procedures.lab.begun_bench import begun_bench
+    from palpate.procedures.lab.before import begun_bench
     from palpate.procedures.lab.scan import ScanPlan
 
     output = Output(as_json, quiet)

@@ -27,11 +27,10 @@ def judge(run: str, limits: Path, junit: Path | None, as_json: bool, quiet: bool
     status 3: a limit fails; 4: one is undecided, and none fails. Each procedure judges its result with --limits, too.
     """
     from palpate.procedures.commands.procedures import tell_verdicts
-    from palpate.procedures.engine.limits import read_limits
     from palpate.procedures.engine.verdict import judge as judged_by
+    from palpate.procedures.engine.verdict import read_limits
     from palpate.procedures.lab.store import store
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     check_junit(junit)
     output = Output(as_json, quiet, limits=limits, junit=junit)

@@ -32,8 +32,7 @@ from palpate.procedures.commands.softness import softness
 from palpate.procedures.commands.study import study
 from palpate.procedures.commands.sweep import sweep
 from palpate.procedures.commands.test import test
-from palpate.procedures.console.drawing import draw_as_shipped
-from palpate.procedures.console.terminal import fill_streams, give_up, say
+from palpate.procedures.console.terminal import draw_as_shipped, fill_streams, give_up, say
 
 UNREAD = 128 + signal.SIGPIPE  # exit status: nobody reads the output any more, as behind `| head`
 ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message

@@ -37,7 +37,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
     or changed row is found. A run that has not ended is not damaged.
     """
     from palpate.procedures.records.damage import check as look_over
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.runs import check_object, print_check
 
     output = Output(as_json, quiet)
@@ -57,7 +57,7 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     is lost. A run that lost only its end can be resumed.
     """
     from palpate.procedures.records.damage import repair as salvage
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.runs import print_repaired, repaired_object
 
     output = Output(as_json, quiet)
@@ -81,8 +81,7 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
     from datetime import UTC, datetime
 
     from palpate.procedures.lab.calibrations import install_of
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))
@@ -129,8 +128,7 @@ def resume(
     from palpate.procedures.engine.catalogue import class_of
     from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.operator import keyboard
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     opened = Run.open(find_run(run, store()))
     output = Output(as_json, quiet, progress, live=live)
@@ -172,7 +170,7 @@ def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) 
     """List the runs in runs/, newest first."""
     from palpate.instrument.errors import UsageError
     from palpate.procedures.lab.run_table import chosen
-    from palpate.procedures.records.run_list import list_runs
+    from palpate.procedures.records.run import list_runs
     from palpate.procedures.showing.runs import print_runs, run_row
 
     output = Output(as_json, quiet)
@@ -195,8 +193,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     Every row is checked against its hash. Runs with the same measured values have the same digest. The
     digest of signals counts settings, times and waveforms alone, and is the same by any arithmetic.
     """
-    from palpate.procedures.records.run import Run, unfinished
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run, unfinished
     from palpate.procedures.showing.runs import print_run, run_object
 
     output = Output(as_json, quiet)
@@ -225,9 +222,8 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     with the uncertainty of each difference, then each run. A damaged run is shown as far as it is whole. No file is
     overwritten.
     """
-    from palpate.procedures.engine.limits import read_limits
-    from palpate.procedures.engine.verdict import STATUS
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.engine.verdict import STATUS, read_limits
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.run_report import check_page, compared, report_page, reported, write_page
 
     output = Output(as_json, quiet)
@@ -261,8 +257,7 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
     from palpate.procedures.records.export import export as export_run
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))

@@ -20,6 +20,7 @@ import click
 if TYPE_CHECKING:
     from rich.console import Console
 
+
 # Control characters except tab and line feed; characters that change the direction of writing or break lines.
 _CONTROLS = re.compile("[\x00-\x08\x0b-\x1f\x7f-\x9f\u061c\u200e\u200f\u2028-\u202e\u2066-\u2069]")
 LAST_STREAM = 2  # number of stderr
@@ -116,3 +117,30 @@ def _console_class() -> type[Console]:
             raise BrokenPipeError(errno.EPIPE, os.strerror(errno.EPIPE))
 
     return Cleaning
+
+
+# --- Figures are written to files, for which it does not matter how the environment wants them shown ---
+#
+# A notebook hands its backend on, as MPLBACKEND, to every program that it starts; where that backend is not installed,
+# matplotlib does not load.
+
+BACKEND = "MPLBACKEND"
+
+
+def draw_as_shipped() -> None:
+    """Let the command line draw as matplotlib is shipped, whatever is set for windows and notebooks."""
+    os.environ.pop(BACKEND, None)
+    os.environ["MATPLOTLIBRC"] = os.devnull
+
+
+def load_matplotlib() -> None:
+    """Load matplotlib in a script, with the backend that the environment asks for if it is installed."""
+    if "matplotlib" in sys.modules:
+        return
+    backend = os.environ.pop(BACKEND, None)
+    import matplotlib
+
+    if backend is not None:
+        os.environ[BACKEND] = backend
+        with suppress(ValueError):
+            matplotlib.rcParams["backend"] = backend

@@ -16,8 +16,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from palpate.procedures.engine.plan import Step
-    from palpate.procedures.engine.procedure import P, Procedure, R, S
-    from palpate.procedures.engine.result import Result
+    from palpate.procedures.engine.procedure import P, Procedure, R, Result, S
     from palpate.procedures.records.run import Run
 
 GROUP, WHAT = "palpate.procedures", "procedure"

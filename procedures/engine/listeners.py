@@ -14,7 +14,7 @@ from palpate.procedures.console.progress import Progress, Shown
 from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.events import Event, Listener, followed, unheard
-from palpate.procedures.records.run_list import find_run
+from palpate.procedures.records.run import find_run
 
 WAITING = 10_000  # events that a listener may not have taken yet
 FEW = 4  # events that may wait before a trace, which none needs, is dropped

@@ -35,8 +35,17 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
-from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import RESULTS, Expected, predicted
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Finished,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target

@@ -29,8 +29,7 @@ from palpate.instrument.signals.frequency_response import (
 )
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Plan, Step, first_steps, noise_of, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
-from palpate.procedures.engine.promise import Expected, predicted
+from palpate.procedures.engine.procedure import Expected, Measurement, Report, RequiredLoads, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Outcome

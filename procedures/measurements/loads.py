@@ -24,8 +24,15 @@ from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_o
 from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import RESULTS, Expected, predicted
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Measurement,
+    Report,
+    RequiredLoads,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
 from palpate.procedures.lab.session import Outcome

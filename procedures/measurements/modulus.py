@@ -28,8 +28,7 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import COMPRESSION_TABLES, ThesisTable, read_table
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.engine.plan import Plan, Step
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report
-from palpate.procedures.engine.promise import Expected, predicted
+from palpate.procedures.engine.procedure import Expected, Measurement, Procedure, Report, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import Outcome

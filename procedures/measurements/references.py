@@ -41,8 +41,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.procedures.engine.plan import Plan
-from palpate.procedures.engine.procedure import Finished, Procedure, Report
-from palpate.procedures.engine.promise import Expected, predicted
+from palpate.procedures.engine.procedure import Expected, Finished, Procedure, Report, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_nameable, keep
 from palpate.procedures.lab.lab import Lab, Target
@@ -57,8 +56,7 @@ from palpate.procedures.measurements.softness.report import SoftnessPoint
 from palpate.procedures.records.columns import Column
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.resumed import values_of
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import find_run
+from palpate.procedures.records.run import Run, find_run
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, save
 from palpate.procedures.showing.text import new_table, number, stamped

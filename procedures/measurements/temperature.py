@@ -24,8 +24,7 @@ from palpate.instrument.signals.estimate import boxcar, rms
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads
-from palpate.procedures.engine.promise import Expected, predicted
+from palpate.procedures.engine.procedure import Expected, Measurement, Report, RequiredLoads, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.session import Outcome

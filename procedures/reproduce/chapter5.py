@@ -37,7 +37,7 @@ from palpate.procedures.reproduce.chapter4 import (
     table_ratio,
 )
 from palpate.procedures.reproduce.rows import WITHIN, Comparison, Row, RowCorrelation, RowTable
-from palpate.procedures.steps.agreement import FALSE_ALARMS
+from palpate.procedures.steps.film_point import FALSE_ALARMS
 
 DIGIT_U = math.sqrt(2 / 3)  # mV: both readings are known to ±1 digit
 WENT_IN = GIVEN.evidence(())  # load cell and rubbers are simulated by the thesis' own line and moduli

@@ -12,9 +12,8 @@ from palpate.instrument.errors import RecordError
 from palpate.procedures.records.chain import MOST_HOLES, check_holes
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
+from palpate.procedures.records.run import Run, list_runs
 from palpate.procedures.records.run_folder import RECORD
-from palpate.procedures.records.run_list import list_runs
 from palpate.procedures.study.results import read_results
 from tests.procedures.conftest import HEADER, Palpate
 

@@ -19,8 +19,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import first_steps
-from palpate.procedures.engine.promise import Expected, achieved
-from palpate.procedures.engine.result import SimpleResult
+from palpate.procedures.engine.procedure import Expected, SimpleResult, achieved
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.session import Outcome

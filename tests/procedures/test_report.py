@@ -25,8 +25,7 @@ from palpate.procedures.measurements.load_cell.report import (
 )
 from palpate.procedures.measurements.loads import LoadPoint, evaluate, plot_sweep, show_sweep
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
 from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped, where

@@ -31,8 +31,7 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.person import Person, TransactionRate, status
-from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serving
+from palpate.procedures.virtual.served_bench import Person, TransactionRate, Wish, serve_until_told, serving, status
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.rig.rig import STANDARD_GRAVITY

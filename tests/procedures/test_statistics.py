@@ -42,8 +42,7 @@ from palpate.procedures.measurements.loads import floor_of
 from palpate.procedures.measurements.softness import report as softness
 from palpate.procedures.reproduce import criterion as bias
 from palpate.procedures.reproduce.criterion import _cells, fitted_line
-from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ
-from palpate.procedures.steps.film_point import is_short
+from palpate.procedures.steps.film_point import FALSE_ALARMS, forces_differ, is_short
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
 from palpate.procedures.steps.standing import _wandered
 from tests.instrument.test_film_forces import FREQUENCY, fitted

@@ -26,8 +26,17 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import RELATIVE, RESULTS, Expected, predicted
+from palpate.procedures.engine.procedure import (
+    RELATIVE,
+    RESULTS,
+    Expected,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import probable_load_cell
 from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target

@@ -40,8 +40,16 @@ from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
 from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Plan, Predicted, Step
-from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, until_full
-from palpate.procedures.engine.promise import RESULTS, Expected, predicted
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Finished,
+    Measurement,
+    Procedure,
+    Report,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import keep, probable_load_cell
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target

@@ -24,8 +24,15 @@ from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, noise_of
-from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
-from palpate.procedures.engine.promise import RESULTS, Expected
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Finished,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, references_on, with_films
 from palpate.procedures.lab.lab import Lab, Target

@@ -27,8 +27,15 @@ from palpate.instrument.signals.dwell import STEP, whole_steps
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, Plan, Predicted, Step, noise_of, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import RESULTS, Expected, predicted
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Measurement,
+    Report,
+    RequiredLoads,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.measurements.position.report import FoundPlace, PositionPoint, PositionResult, evaluate, name_of

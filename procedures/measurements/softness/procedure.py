@@ -31,8 +31,17 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample, parse_samples
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+    greatest,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import references_on
 from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
