@@ -48,7 +48,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Outpu
     chosen = chosen_by(choice, model)
     if choice.fidelity is None:
         return chosen
-    from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
+    from palpate.procedures.lab.chosen import FIDELITY, at_fidelity
 
     procedure, ahead, _ = prepared(procedure, chosen.target)
     with output.prices():

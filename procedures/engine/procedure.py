@@ -40,14 +40,13 @@ from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.console.terminal import load_matplotlib
 from palpate.procedures.engine.plan import B, Plan, Predicted, Step
 from palpate.procedures.lab.calibrations import Unstored
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.open import Calibrating
 from palpate.procedures.lab.session import CalibrationKeys, Outcome, Session
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.flags import Judged, check_some_valid
 
 if TYPE_CHECKING:

@@ -34,7 +34,7 @@ from palpate.procedures.engine.procedure import (
     until_full,
 )
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
+from palpate.procedures.lab.lab import BY_HAND, Dwells, Lab, Mounts, Target
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.prospects import (
@@ -55,7 +55,6 @@ from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.tables import NOTHING, table_of
 from palpate.procedures.showing.text import OUTSIDE, legend, new_table, percent, stamped
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
-from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
 

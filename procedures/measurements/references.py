@@ -44,7 +44,7 @@ from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Expected, Finished, Procedure, Report, predicted
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_nameable, keep
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys, Outcome
 from palpate.procedures.lab.store import store
 from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
@@ -60,7 +60,6 @@ from palpate.procedures.records.run import Run, find_run
 from palpate.procedures.showing import moduli
 from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, save
 from palpate.procedures.showing.text import new_table, number, stamped
-from palpate.procedures.steps.dwells import Dwells
 
 # --- References: objects whose Young modulus is known, by a statement or by a compression test ---------
 #

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from palpate.drivers.roles import LoadIndicator, SampleChanger
 from palpate.instrument.errors import DeviceError
@@ -21,6 +21,10 @@ from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.probe import check_zero, finish, press, withdraw
 from palpate.procedures.steps.servo import LoadServo, read_indicator
+
+if TYPE_CHECKING:
+    from palpate.drivers.clock import Clock
+
 
 # --- The bench work that all procedures with films under a dynamic load share --------------------------
 #
@@ -168,3 +172,19 @@ class SweepWork(DynamicLoadWork):
     ) -> None:
         """Arguments and errors as of `DynamicLoadWork`."""
         super().__init__(lab, record, loads, frequency, samples, sweep.extrapolate)
+
+
+class Laps:
+    """Bench time from point to point; a run that resumes adds up what its points took."""
+
+    def __init__(self, clock: Clock, timed: bool) -> None:
+        """Begin; `timed`: whether the run has a time to keep."""
+        self._clock = clock
+        self._began_ns = clock.now_ns() if timed else None
+
+    def seconds(self) -> float | None:
+        """Bench time since it was asked before, or since the beginning [s]; None: there is no time to keep."""
+        if self._began_ns is None:
+            return None
+        began_ns, self._began_ns = self._began_ns, self._clock.now_ns()
+        return 1e-9 * (self._began_ns - began_ns)

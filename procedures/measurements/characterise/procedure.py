@@ -80,7 +80,7 @@ from palpate.procedures.measurements.settings import (
     bench_time,
     tolerance_setting,
 )
-from palpate.procedures.measurements.work import DynamicLoadWork
+from palpate.procedures.measurements.work import DynamicLoadWork, Laps
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.plan import duration
@@ -94,7 +94,6 @@ from palpate.procedures.steps.checks import (
 )
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER, SAMPLES_PER_CYCLE, check_nodes
-from palpate.procedures.steps.laps import Laps
 
 # --- A tolerance of each film's force sensitivity, or a time: how often the loads are set on the way up
 #

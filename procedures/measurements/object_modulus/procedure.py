@@ -35,7 +35,7 @@ from palpate.procedures.engine.procedure import (
 )
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, references_on, with_films
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys
 from palpate.procedures.measurements.object_modulus.planning import (
     BOUND_SETS,
@@ -73,7 +73,6 @@ from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
-from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import approach, mount, other_sample, withdraw

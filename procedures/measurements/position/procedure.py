@@ -41,14 +41,13 @@ from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.measurements.position.report import FoundPlace, PositionPoint, PositionResult, evaluate, name_of
 from palpate.procedures.measurements.prospects import binding, most_sets, planned_for, too_long
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName, bench_time
-from palpate.procedures.measurements.work import Sweep, SweepWork
+from palpate.procedures.measurements.work import Laps, Sweep, SweepWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
-from palpate.procedures.steps.laps import Laps
 from palpate.procedures.steps.probe import lower, mount, withdraw
 from palpate.procedures.steps.servo import RELEASED
 

@@ -44,7 +44,7 @@ from palpate.procedures.engine.procedure import (
 )
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import references_on
-from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
+from palpate.procedures.lab.lab import BY_HAND, Dwells, Lab, Mounts, Target
 from palpate.procedures.measurements.prospects import expected_mean, expected_ratio
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, model_name, share_setting
 from palpate.procedures.measurements.softness.report import (
@@ -60,7 +60,6 @@ from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
-from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.films import check_nodes
 
 # --- The order of objects to a stated risk of error: how many load sets each gets, and what they told in the end
