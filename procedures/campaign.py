@@ -49,10 +49,10 @@ from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.run_table import bench_of
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import locked, new_run_folder
 from palpate.procedures.records.run import Run, list_runs, storing
-from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.steps.pause import NOBODY
 
 STATE = "campaign.json"

@@ -27,9 +27,9 @@ from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.files import read_calibration
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.calibrations import KEPT
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.record import MEASURED
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene

@@ -27,9 +27,9 @@ from typing import Self
 
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene

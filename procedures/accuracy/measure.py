@@ -29,9 +29,16 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import element_prices, errors_of
-from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
-from palpate.procedures.accuracy.references import reference_of
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.accuracy.meshes import (
+    BETWEEN,
+    MIDDLES,
+    MODULI,
+    PROCESSES,
+    TIMED,
+    reference_of,
+    solve_all,
+)
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.run import storing
 
 # --- Writing the files of what is measured once and shipped: prices of models and validation -----------

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands import completion, options, texts
-from palpate.procedures.commands.completion import SCENE
+from palpate.procedures.commands import options, texts
 from palpate.procedures.commands.options import (
     FILE_NAME,
     Output,
@@ -22,6 +21,7 @@ from palpate.procedures.commands.options import (
 )
 from palpate.procedures.commands.scene import question_options
 from palpate.procedures.commands.settings import SettingsCommand
+from palpate.procedures.commands.texts import SCENE
 from palpate.procedures.lab.store import store as usual
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ TOLERANCE = 0.05
 @options.thickness_option
 @option(
     "--scene",
-    shell_complete=completion.scene,
+    shell_complete=texts.complete_scene,
     metavar="NAME|FILE",
     help="Scene of a simulated bench (default: thesis_single).",
 )

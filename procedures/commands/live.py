@@ -31,10 +31,9 @@ def live(run: str, port: int | None, as_json: bool, quiet: bool) -> None:
     from palpate.procedures.lab.store import store
     from palpate.procedures.live.feed import Feed
     from palpate.procedures.live.server import serving
-    from palpate.procedures.records.chain import read_head
+    from palpate.procedures.records.chain import HEAD_FILE, read_head
     from palpate.procedures.records.events import Event, followed
     from palpate.procedures.records.run import find_run
-    from palpate.procedures.records.run_folder import HEAD_FILE
 
     output = Output(as_json, quiet)
     folder, feed, clock = find_run(run, store()), Feed(stored=True), WallClock()

@@ -6,8 +6,6 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.completion import RUN
-from palpate.procedures.commands.completion import run as run_names
 from palpate.procedures.commands.options import (
     FILE_NAME,
     JUNIT,
@@ -22,6 +20,7 @@ from palpate.procedures.commands.options import (
     option,
     output_options,
 )
+from palpate.procedures.commands.texts import RUN, complete_run
 from palpate.procedures.lab.store import store
 
 # --- The commands palpate runs check, runs repair and runs install -------------------------------------
@@ -208,7 +207,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs report first-day\n\n  palpate runs report first-day second-day --out both.html"
     "\n\n  palpate runs report first-day --limits limits.toml --json"
 )
-@click.argument("run", nargs=-1, required=True, shell_complete=run_names)
+@click.argument("run", nargs=-1, required=True, shell_complete=complete_run)
 @option("--out", type=FILE_NAME, metavar="FILE", help="New file (default: report.html in the folder of the first run).")
 @option(
     "--limits",

@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import (
     FILE_NAME,
     F,
@@ -18,6 +17,7 @@ from palpate.procedures.commands.options import (
     option,
     output_options,
 )
+from palpate.procedures.commands.texts import SCENE
 
 # --- The command palpate scene explain -----------------------------------------------------------------
 

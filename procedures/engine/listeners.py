@@ -10,8 +10,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-from palpate.procedures.console.progress import Progress, Shown
-from palpate.procedures.console.terminal import say
+from palpate.procedures.console.terminal import Progress, Shown, say
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.events import Event, Listener, followed, unheard
 from palpate.procedures.records.run import find_run

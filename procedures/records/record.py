@@ -24,7 +24,7 @@ import numpy as np
 from palpate.instrument.durable import make_folder, numbered
 from palpate.instrument.errors import RangeError, RecordError, UsageError
 from palpate.instrument.own_process import Ends
-from palpate.procedures.records.chain import ChainFile, ChainWriter, Content, create
+from palpate.procedures.records.chain import HEAD_FILE, RECORD, ChainFile, ChainWriter, Content, create, is_run
 from palpate.procedures.records.events import Event, Kind, Listener, events_of, unheard
 from palpate.procedures.records.record_file import (
     IN_A_FRAME,
@@ -41,7 +41,6 @@ from palpate.procedures.records.record_file import (
     waves,
 )
 from palpate.procedures.records.run import reading, storing, telling_damage
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_run
 
 # --- A long dwell, whose samples are stored while it lasts, and are read again from the record piece by piece
 

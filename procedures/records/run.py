@@ -22,9 +22,8 @@ import numpy as np
 from palpate.instrument.durable import put_whole
 from palpate.instrument.errors import RecordError, UnknownName, UsageError, check_path, reason
 from palpate.procedures.records import record_file
-from palpate.procedures.records.chain import check_holes
+from palpate.procedures.records.chain import HEAD_FILE, RECORD, check_holes, is_run, last_modified
 from palpate.procedures.records.record_file import Status, Waveform
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_run, last_modified
 
 if TYPE_CHECKING:
     import pandas as pd

@@ -33,7 +33,7 @@ from palpate.instrument.models.parameters import (
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import ThesisTable
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.run import storing
 
 # --- Kept finite-element solutions for reproducing the thesis: they take more than a minute and are always the same

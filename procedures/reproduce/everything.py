@@ -13,7 +13,7 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.listeners import steps
 from palpate.procedures.lab.chosen import choose

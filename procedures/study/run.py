@@ -29,7 +29,7 @@ import numpy.typing as npt
 from palpate.instrument.errors import BenchError, PalpateError, RecordError, UsageError
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.own_process import Ends
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import ChainFile, ChainWriter, HashChain, RecordFrame, create
 from palpate.procedures.records.run import storing

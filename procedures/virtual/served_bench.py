@@ -25,8 +25,8 @@ from palpate.instrument.own_process import Ends
 from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
+from palpate.procedures.records.chain import RECORD
 from palpate.procedures.records.run import storing
-from palpate.procedures.records.run_folder import RECORD
 from palpate.simulators.bench import NAMED, BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.rig import SimulatedOperator

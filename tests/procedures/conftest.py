@@ -21,7 +21,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main
 from palpate.procedures.commands.options import Output
-from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab import operator

@@ -9,11 +9,10 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.chain import MOST_HOLES, check_holes
+from palpate.procedures.records.chain import MOST_HOLES, RECORD, check_holes
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run, list_runs
-from palpate.procedures.records.run_folder import RECORD
 from palpate.procedures.study.results import read_results
 from tests.procedures.conftest import HEADER, Palpate
 

@@ -28,7 +28,7 @@ from palpate.instrument.bench.description import read_bench
 from palpate.instrument.contracts.shaker_amplifier import CONTRACT as AMPLIFIER
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.served_bench import Person, TransactionRate, Wish, serve_until_told, serving, status
