@@ -45,7 +45,7 @@ from palpate.instrument.findings.object_modulus import (
 )
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
 from palpate.instrument.models.ratio import RatioQuestion
-from palpate.instrument.models.validation import Validation, ValidationLine, validate
+from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.sine_columns import sine_columns
@@ -338,15 +338,6 @@ def command_of(name: str, number: int) -> str:
     return f"palpate calibrate films --loads '{least:g} N:{greatest:g} N:{step:g} N'"
 
 
-@functools.lru_cache(maxsize=16)
-def _validation(design: str, parameters: str, model: str) -> Validation | None:
-    """A model against the thesis' samples; None: these do not tell of it."""
-    try:
-        return validate(design, parameters, model)
-    except PalpateError:
-        return None
-
-
 @dataclass(frozen=True, slots=True)
 class Alternative:
     """Something that a run does not do by itself.
@@ -487,6 +478,7 @@ class ModulusPlans:
 
     # --- what is calibrated before a run ---------------------------------------------------------------
 
+    @cached_property
     def _more_references(self) -> Preparation | None:
         """References of the model, with those that there are; None: nothing tells how objects spread."""
         slope, made_before = self.found.sensitivity, self.found.references
@@ -500,8 +492,11 @@ class ModulusPlans:
             u = slope * math.sqrt(max(one.u**2 - more.u**2, 0.0))
             freedom = one.degrees_of_freedom
             return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u, freedom)
-        known = _validation(self.question.design, self.question.parameters, self.found.model)
-        if known is None or known.ln_spread is None:
+        try:
+            known = validate(self.question.design, self.question.parameters, self.found.model)
+        except PalpateError:  # the thesis' samples do not tell of it
+            return None
+        if known.ln_spread is None:
             return None
         own, spread = slope * self.design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * known.ln_spread
         freedom = len(known.percent) - 1.0
@@ -532,7 +527,7 @@ class ModulusPlans:
             return None
         if self.design.film_covariance is not None and not (found.films_cancel and not wanted.relative):
             made.append(self._film_points())
-        if not wanted.relative and (references := self._more_references()) is not None:
+        if not wanted.relative and (references := self._more_references) is not None:
             made.append(references)
         best = prepared(self.table, wanted.tolerance, made)
         if best is None or not best.numbers:
@@ -546,7 +541,7 @@ class ModulusPlans:
 
     def references_that_pay(self) -> Alternative | None:
         """What as many references as pay would leave of the model's error; None: not known."""
-        if (made := self._more_references()) is None:
+        if (made := self._more_references) is None:
             return None
         count = max(REFERENCES, made.least)
         line = made.line(count)
@@ -576,7 +571,7 @@ class ModulusPlans:
 
     def _references(self, prospect: Prospect) -> Alternative | None:
         """One more reference."""
-        more = self._more_references()
+        more = self._more_references
         if more is None or self.wanted.relative or VALIDATION not in prospect.allocation.shares:
             return None
         half = self._with(prospect, more.line(more.least))
