@@ -54,9 +54,9 @@ if TYPE_CHECKING:
     from palpate.procedures.measurements.loads import LoadSweep
     from palpate.procedures.measurements.modulus import ModulusTest
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-    from palpate.procedures.measurements.position.procedure import PositionSweep
+    from palpate.procedures.measurements.position import PositionSweep
     from palpate.procedures.measurements.references import Reference, ReferenceSeries, read_reference
-    from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
+    from palpate.procedures.measurements.softness import SoftnessTest, unknown_object
     from palpate.procedures.measurements.temperature import TemperatureSweep
     from palpate.procedures.records.events import Event
     from palpate.procedures.records.run import Run, read
@@ -85,9 +85,9 @@ _PLACES = {
     "procedures.measurements.loads": "LoadSweep",
     "procedures.measurements.modulus": "ModulusTest",
     "procedures.measurements.object_modulus.procedure": "ObjectModulus",
-    "procedures.measurements.position.procedure": "PositionSweep",
+    "procedures.measurements.position": "PositionSweep",
     "procedures.measurements.references": "Reference ReferenceSeries read_reference",
-    "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
+    "procedures.measurements.softness": "SoftnessTest unknown_object",
     "procedures.measurements.temperature": "TemperatureSweep",
     "procedures.records.events": "Event",
     "procedures.records.run": "Run read",

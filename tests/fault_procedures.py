@@ -21,9 +21,8 @@ from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
 from palpate.procedures.measurements.modulus import NAMES, ModulusTest
 from palpate.procedures.measurements.object_modulus.procedure import ModulusPoint, ObjectModulus
-from palpate.procedures.measurements.position.procedure import PositionSweep
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.measurements.softness.report import SoftnessPoint
+from palpate.procedures.measurements.position import PositionSweep
+from palpate.procedures.measurements.softness import SoftnessPoint, SoftnessTest
 from palpate.procedures.measurements.temperature import TemperaturePoint, TemperatureSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.planning.settle import read_scene

@@ -262,7 +262,7 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
     Times are those of the bench's clock, in seconds since the first message. Exit status 1: the log is damaged, or was
     cut off; what precedes that is shown.
     """
-    from palpate.procedures.logs.shown import ShownMessage, read_log
+    from palpate.procedures.logs import ShownMessage, read_log
     from palpate.procedures.records.chain import check_holes
 
     output = Output(as_json, quiet)

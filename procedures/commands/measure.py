@@ -60,7 +60,7 @@ def softness(
     """
     from palpate.procedures.commands.procedures import chosen_by, measure, plan
     from palpate.procedures.engine.settings import made
-    from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model
+    from palpate.procedures.measurements.softness import SoftnessTest, default_model
 
     design = chosen_by(choice).target.design
     samples = cast("tuple[Sample, ...] | None", settings.get("objects"))
@@ -84,7 +84,7 @@ def _objects(
         UsageError: samples and moduli are both given, neither is given for a simulated bench, a modulus is given for
             a real bench, or a thickness beside samples.
     """
-    from palpate.procedures.measurements.softness.procedure import unknown_object
+    from palpate.procedures.measurements.softness import unknown_object
 
     if samples is not None and modulus is not None:
         raise UsageError("--samples and --modulus: give either samples or moduli of unknown objects, not both")
@@ -157,7 +157,7 @@ def object_to_touch(
     """
     from palpate.instrument.errors import UsageError
     from palpate.procedures.measurements.object_modulus.procedure import UNKNOWN
-    from palpate.procedures.measurements.softness.procedure import unknown_object
+    from palpate.procedures.measurements.softness import unknown_object
 
     if sample is not None and modulus is not None:
         raise UsageError("--sample and --modulus: give either a sample or the modulus of an unknown object, not both")

@@ -135,7 +135,7 @@ def plot(
 ) -> None:
     """Draw the waveforms at each stage of a scene, from the shaker's coil to the samples of the sensor nodes."""
     from palpate.procedures.virtual.explained import Question
-    from palpate.procedures.virtual.waveforms import plot as plot_waveforms
+    from palpate.procedures.virtual.explained import plot as plot_waveforms
 
     output = Output(as_json, quiet)
     found = plot_waveforms(scene, Question(sample, load, frequency), periods, out)

@@ -24,13 +24,13 @@ SHIPPED = {
     "sweep-loads": "palpate.procedures.measurements.loads:LoadSweep",
     "sweep-frequency": "palpate.procedures.measurements.frequency:FrequencySweep",
     "sweep-temperature": "palpate.procedures.measurements.temperature:TemperatureSweep",
-    "sweep-position": "palpate.procedures.measurements.position.procedure:PositionSweep",
+    "sweep-position": "palpate.procedures.measurements.position:PositionSweep",
     "calibrate-load-cell": "palpate.procedures.measurements.load_cell.procedure:LoadCellSeries",
     "calibrate-films": "palpate.procedures.measurements.films:FilmSeries",
     "calibrate-model": "palpate.procedures.measurements.references:ReferenceSeries",
     "test-modulus": "palpate.procedures.measurements.modulus:ModulusTest",
     "measure-modulus": "palpate.procedures.measurements.object_modulus.procedure:ObjectModulus",
-    "softness": "palpate.procedures.measurements.softness.procedure:SoftnessTest",
+    "softness": "palpate.procedures.measurements.softness:SoftnessTest",
     "characterise": "palpate.procedures.measurements.characterise.procedure:Characterisation",
 }
 

@@ -17,6 +17,7 @@ from palpate.procedures.engine.conduct import asked, calibration_saved, evaluate
 from palpate.procedures.engine.listeners import told_to
 from palpate.procedures.engine.plan import Plan
 from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S, achieved, achieved_u, expected_of
+from palpate.procedures.lab.about import added_by, versions
 from palpate.procedures.lab.before import Before, Earlier, before_of
 from palpate.procedures.lab.calibrations import Unstored, check_store
 from palpate.procedures.lab.chosen import Chosen
@@ -24,7 +25,6 @@ from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.logged import Used
 from palpate.procedures.lab.open import OpenBench, one_run, opened
 from palpate.procedures.lab.session import Promise, places, recording
-from palpate.procedures.lab.software import added_by, versions
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.records.record import Recorder, StoredDwell

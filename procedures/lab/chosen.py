@@ -12,10 +12,10 @@ from palpate.instrument.bench.operator import Operator
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.about import packages_of
 from palpate.procedures.lab.lab import Dwells, Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, Mounting, check_somebody
-from palpate.procedures.lab.software import packages_of
 from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene, with_model

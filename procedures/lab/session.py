@@ -27,13 +27,13 @@ from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.console.terminal import say
+from palpate.procedures.lab.about import added_by, commit, versions
 from palpate.procedures.lab.before import BEFORE
 from palpate.procedures.lab.calibrations import KEPT
 from palpate.procedures.lab.lab import Lab, owner
 from palpate.procedures.lab.logged import Used, load_cell_in, mounting_in, mountings_in, scene_in
 from palpate.procedures.lab.open import Calibrating, OpenBench, driven_bench, lab_with
 from palpate.procedures.lab.operator import ConsoleOperator, Mounting, weaker
-from palpate.procedures.lab.software import added_by, commit, versions
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.records.record import PAUSED, Recorder, put_file

@@ -51,8 +51,7 @@ from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.modulus import DisplaysPoint, ModulusTest
 from palpate.procedures.measurements.prospects import expected_mean
 from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, ValidDays, model_name
-from palpate.procedures.measurements.softness.procedure import SLOW, SoftnessTest, Touching, TouchStep, object_of
-from palpate.procedures.measurements.softness.report import SoftnessPoint
+from palpate.procedures.measurements.softness import SLOW, SoftnessPoint, SoftnessTest, Touching, TouchStep, object_of
 from palpate.procedures.records.columns import Column
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.resumed import values_of

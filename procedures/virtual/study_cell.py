@@ -30,8 +30,8 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine, fit_sines
 from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.about import packages_of
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.lab.software import packages_of
 from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json

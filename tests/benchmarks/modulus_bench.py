@@ -34,7 +34,7 @@ from palpate.procedures.measurements.object_modulus.procedure import (
     ObjectModulusAnswer,
     _remounts,
 )
-from palpate.procedures.measurements.softness.procedure import unknown_object
+from palpate.procedures.measurements.softness import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class, in_order

@@ -21,8 +21,7 @@ from palpate.procedures.measurements.films import FilmRepeats, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LOADS as CELL_LOADS
 from palpate.procedures.measurements.load_cell.report import REPEATS
 from palpate.procedures.measurements.loads import Repeats
-from palpate.procedures.measurements.position.procedure import PlaceRepeats, share_noise
-from palpate.procedures.measurements.position.report import PositionPoint
+from palpate.procedures.measurements.position import PlaceRepeats, PositionPoint, share_noise
 from palpate.procedures.measurements.prospects import DISPLAY_NOISE
 from tests.benchmarks.row import Row
 

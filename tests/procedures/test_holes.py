@@ -64,7 +64,7 @@ def test_too_little_memory_is_one_message(palpate: Palpate, monkeypatch: pytest.
     def greedy(_path: Path) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("palpate.procedures.logs.shown.read_log", greedy)
+    monkeypatch.setattr("palpate.procedures.logs.read_log", greedy)
     Path("trace.pcapng").touch()
     said = palpate("bus", "show", "trace.pcapng")
     assert said.status == 1

@@ -22,7 +22,7 @@ from palpate.procedures.measurements.characterise.procedure import Characterisat
 from palpate.procedures.measurements.frequency import FrequencySweep
 from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.measurements.temperature import TemperatureSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench

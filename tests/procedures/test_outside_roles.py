@@ -19,7 +19,7 @@ from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, RangeError, SafetyError
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.logs.shown import read_log
+from palpate.procedures.logs import read_log
 from palpate.procedures.measurements.loads import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.testing.wire import Traffic

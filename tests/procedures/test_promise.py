@@ -29,9 +29,9 @@ from palpate.procedures.measurements.frequency import FrequencySweep
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
 from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.measurements.modulus import ModulusTest
-from palpate.procedures.measurements.position.procedure import PositionSweep
+from palpate.procedures.measurements.position import PositionSweep
 from palpate.procedures.measurements.references import Reference, ReferenceSeries
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.measurements.temperature import TemperatureSweep
 from tests.procedures.conftest import Palpate
 

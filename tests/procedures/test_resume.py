@@ -21,7 +21,7 @@ from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
 from palpate.procedures.lab import operator as keys
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.records.chain import HEAD_FILE
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json

@@ -12,7 +12,7 @@ from palpate.drivers.logs.can_frames import CanFrame
 from palpate.drivers.logs.pcapng import Link, Packet
 from palpate.instrument.contracts.contract import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
-from palpate.procedures.logs.shown import Conversation, _frame, _messages
+from palpate.procedures.logs import Conversation, _frame, _messages
 from tests.contracts import modbus_contract
 
 THING = modbus_contract(

@@ -37,9 +37,8 @@ from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
-from palpate.procedures.measurements import frequency
+from palpate.procedures.measurements import frequency, softness
 from palpate.procedures.measurements.loads import floor_of
-from palpate.procedures.measurements.softness import report as softness
 from palpate.procedures.reproduce import criterion as bias
 from palpate.procedures.reproduce.criterion import _cells, fitted_line
 from palpate.procedures.steps.film_point import FALSE_ALARMS, forces_differ, is_short

@@ -68,7 +68,7 @@ from palpate.procedures.measurements.object_modulus.report import (
     ratios_of,
 )
 from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, tolerance_setting
-from palpate.procedures.measurements.softness.procedure import check_simulated
+from palpate.procedures.measurements.softness import check_simulated
 from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
