@@ -48,17 +48,16 @@ if TYPE_CHECKING:
     from palpate.procedures.lab.open import open_bench
     from palpate.procedures.lab.run_table import runs
     from palpate.procedures.measurements.characterise.procedure import Characterisation
-    from palpate.procedures.measurements.films.procedure import FilmSeries
-    from palpate.procedures.measurements.frequency.procedure import FrequencySweep
+    from palpate.procedures.measurements.films import FilmSeries
+    from palpate.procedures.measurements.frequency import FrequencySweep
     from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-    from palpate.procedures.measurements.loads.procedure import LoadSweep
-    from palpate.procedures.measurements.modulus.procedure import ModulusTest
+    from palpate.procedures.measurements.loads import LoadSweep
+    from palpate.procedures.measurements.modulus import ModulusTest
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-    from palpate.procedures.measurements.position.procedure import PositionSweep
-    from palpate.procedures.measurements.references.procedure import ReferenceSeries
-    from palpate.procedures.measurements.references.result import Reference, read_reference
-    from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
-    from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+    from palpate.procedures.measurements.position import PositionSweep
+    from palpate.procedures.measurements.references import Reference, ReferenceSeries, read_reference
+    from palpate.procedures.measurements.softness import SoftnessTest, unknown_object
+    from palpate.procedures.measurements.temperature import TemperatureSweep
     from palpate.procedures.records.events import Event
     from palpate.procedures.records.run import Run, read
 
@@ -80,17 +79,16 @@ _PLACES = {
     "procedures.lab.open": "open_bench",
     "procedures.lab.run_table": "runs",
     "procedures.measurements.characterise.procedure": "Characterisation",
-    "procedures.measurements.films.procedure": "FilmSeries",
-    "procedures.measurements.frequency.procedure": "FrequencySweep",
+    "procedures.measurements.films": "FilmSeries",
+    "procedures.measurements.frequency": "FrequencySweep",
     "procedures.measurements.load_cell.procedure": "LoadCellSeries",
-    "procedures.measurements.loads.procedure": "LoadSweep",
-    "procedures.measurements.modulus.procedure": "ModulusTest",
+    "procedures.measurements.loads": "LoadSweep",
+    "procedures.measurements.modulus": "ModulusTest",
     "procedures.measurements.object_modulus.procedure": "ObjectModulus",
-    "procedures.measurements.position.procedure": "PositionSweep",
-    "procedures.measurements.references.procedure": "ReferenceSeries",
-    "procedures.measurements.references.result": "Reference read_reference",
-    "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
-    "procedures.measurements.temperature.procedure": "TemperatureSweep",
+    "procedures.measurements.position": "PositionSweep",
+    "procedures.measurements.references": "Reference ReferenceSeries read_reference",
+    "procedures.measurements.softness": "SoftnessTest unknown_object",
+    "procedures.measurements.temperature": "TemperatureSweep",
     "procedures.records.events": "Event",
     "procedures.records.run": "Run read",
 }

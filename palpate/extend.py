@@ -17,24 +17,19 @@ if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
     from palpate.drivers.clock import Clock
     from palpate.drivers.devices.canopen_device import CanopenDevice
+    from palpate.drivers.devices.exciter import Exciter
     from palpate.drivers.devices.modbus_device import ModbusDevice
     from palpate.drivers.devices.sensor_node import Recording
-    from palpate.drivers.roles import (
-        Bias,
-        Chamber,
-        Exciter,
-        LoadIndicator,
-        Positioner,
-        ProbeStage,
-        SampleChanger,
-        SensorNode,
-    )
+    from palpate.drivers.roles import Bias, Chamber, LoadIndicator, Positioner, ProbeStage, SampleChanger, SensorNode
     from palpate.instrument.bench.description import BenchDescription, read_bench
     from palpate.instrument.bench.kinds import DeviceKind
     from palpate.instrument.calibration.films import FilmCalibration
     from palpate.instrument.calibration.load_cell import LoadCellCalibration
     from palpate.instrument.calibration.model_calibration import ModelCalibration
-    from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
+    from palpate.instrument.contracts.contract import Contract
+    from palpate.instrument.contracts.declaration import Identity
+    from palpate.instrument.contracts.field import Field, probe, sdo
+    from palpate.instrument.contracts.pdo import Pdo
     from palpate.instrument.contracts.sensor_node import place
     from palpate.instrument.errors import DeviceError, SafetyError
     from palpate.instrument.findings.film_forces import film_forces
@@ -43,9 +38,17 @@ if TYPE_CHECKING:
     from palpate.instrument.sensor.film_material import FILM_MATERIALS
     from palpate.instrument.sensor.material import Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
-    from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, Work, until_full
-    from palpate.procedures.engine.promise import Expected, predicted
-    from palpate.procedures.engine.result import SimpleResult
+    from palpate.procedures.engine.procedure import (
+        Expected,
+        Measurement,
+        Procedure,
+        Report,
+        RequiredLoads,
+        SimpleResult,
+        Work,
+        predicted,
+        until_full,
+    )
     from palpate.procedures.engine.settings import Setting
     from palpate.procedures.lab.lab import Lab, Target
     from palpate.procedures.lab.open import OpenBench
@@ -103,9 +106,8 @@ _PLACES = {
     "instrument.sensor.film_material": "FILM_MATERIALS",
     "instrument.sensor.material": "Material",
     "procedures.engine.plan": "Plan Predicted Step",
-    "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads Work until_full",
-    "procedures.engine.promise": "Expected predicted",
-    "procedures.engine.result": "SimpleResult",
+    "procedures.engine.procedure": "Expected Measurement Procedure Report RequiredLoads SimpleResult Work predicted"
+    " until_full",
     "procedures.engine.settings": "Setting",
     "procedures.lab.lab": "Lab Target",
     "procedures.lab.open": "OpenBench",

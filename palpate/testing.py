@@ -6,10 +6,9 @@ it there: such a listener is called in the run's own thread.
 
 from palpate.procedures.engine.listeners import InStep, steps
 from palpate.procedures.testing.canopen_conformance import CanopenConformance
+from palpate.procedures.testing.conformance import CanopenGoldenFrames, GoldenFrames, OnTheBench
 from palpate.procedures.testing.effect_conformance import EffectConformance
-from palpate.procedures.testing.golden import CanopenGoldenFrames, GoldenFrames
 from palpate.procedures.testing.modbus_conformance import ModbusConformance, RtuConformance
-from palpate.procedures.testing.on_the_bench import OnTheBench
 
 __all__ = [
     "CanopenConformance", "CanopenGoldenFrames", "EffectConformance", "GoldenFrames", "InStep", "ModbusConformance",

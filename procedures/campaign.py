@@ -39,23 +39,20 @@ from palpate.instrument.durable import make_folder, put_whole
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UnknownName, UsageError, quoted
 from palpate.instrument.uncertainty.decision import PASS
 from palpate.procedures.engine.catalogue import procedure_class
-from palpate.procedures.engine.limits import read_limits
-from palpate.procedures.engine.procedure import Procedure
-from palpate.procedures.engine.promise import expected_of
+from palpate.procedures.engine.procedure import Procedure, expected_of
 from palpate.procedures.engine.resume import go_on
 from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.engine.settings import asked_of, made
-from palpate.procedures.engine.verdict import Judgement, judge
+from palpate.procedures.engine.verdict import Judgement, judge, read_limits
 from palpate.procedures.lab.about import FILE as ABOUT
 from palpate.procedures.lab.about import completed
 from palpate.procedures.lab.calibrations import is_unstored
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.run_table import bench_of
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import locked, new_run_folder
-from palpate.procedures.records.run import Run, storing
-from palpate.procedures.records.run_folder import is_run
-from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.records.run import Run, list_runs, storing
 from palpate.procedures.steps.pause import NOBODY
 
 STATE = "campaign.json"

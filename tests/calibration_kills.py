@@ -27,12 +27,14 @@ from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.files import read_calibration
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.calibrations import KEPT
+from palpate.procedures.live.server import serving
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.record import MEASURED
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import is_run
-from palpate.procedures.virtual.served_bench import Served, Wish, serving
+from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
+from tests.procedures.live import Served
 
 QUICK = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s")
 COMMANDS = {
@@ -57,10 +59,8 @@ from palpate.procedures.commands import main
 from palpate.procedures.lab import open as session, operator
 from palpate.procedures.engine import resume
 from palpate.procedures.measurements.load_cell import certificate, report
-from palpate.procedures.measurements.films import procedure as films
-from palpate.procedures.measurements.references import procedure as references
+from palpate.procedures.measurements import films, loads, references
 from palpate.procedures.measurements.object_modulus import procedure as modulus
-from palpate.procedures.measurements.loads import procedure as loads
 from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: None

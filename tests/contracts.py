@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from palpate.instrument.contracts.contract import Contract, Field, Identity, Scaling
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Identity
+from palpate.instrument.contracts.field import Field, Scaling
 
 SCALE = Field("scale", 1, "uint16", "scale")
 SCALED = Field("value", 0x10, "int16", "value", scaling=Scaling("scale"))

@@ -22,14 +22,12 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import AROUND
+from palpate.procedures.records.chain import AROUND, HEAD_FILE, RECORD
 from palpate.procedures.records.damage import check, salvaging
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
-from palpate.procedures.study.block import MEASURED, BlockBuilder
-from palpate.procedures.study.run import Store, stored
+from palpate.procedures.study.run import MEASURED, BlockBuilder, Store, stored
 
 Files = dict[str, bytes]
 BAD = ("silent", "whole point not returned", "wrong point returned", "crashed")

@@ -19,10 +19,10 @@ from typing import Any
 from unittest.mock import patch
 
 from palpate.instrument.errors import RecordError
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import is_run
 
 SECTOR = 512
 Call = Callable[..., Any]

@@ -15,20 +15,16 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.films.procedure import FilmSeries
-from palpate.procedures.measurements.frequency.procedure import FrequencySweep
+from palpate.procedures.measurements.films import FilmSeries
+from palpate.procedures.measurements.frequency import FrequencySweep
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import LoadPoint
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
-from palpate.procedures.measurements.modulus.result import NAMES
-from palpate.procedures.measurements.object_modulus.course import ModulusPoint
+from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
+from palpate.procedures.measurements.modulus import NAMES, ModulusTest
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.position.procedure import PositionSweep
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.measurements.softness.result import SoftnessPoint
-from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
-from palpate.procedures.measurements.temperature.result import TemperaturePoint
+from palpate.procedures.measurements.object_modulus.report import ModulusPoint
+from palpate.procedures.measurements.position import PositionSweep
+from palpate.procedures.measurements.softness import SoftnessPoint, SoftnessTest
+from palpate.procedures.measurements.temperature import TemperaturePoint, TemperatureSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene

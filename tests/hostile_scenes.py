@@ -169,7 +169,7 @@ def _put(content: Any, key: Key, value: Any) -> None:
 
 def ready() -> None:
     """Import what a sweep needs, so that the processes that are forked from this one need not."""
-    for name in ("procedures.commands.root", "procedures.measurements.loads.procedure", "simulators.bench"):
+    for name in ("procedures.commands.root", "procedures.measurements.loads", "simulators.bench"):
         importlib.import_module(f"palpate.{name}")
     importlib.import_module("matplotlib.pyplot")
     swept(scenes()[BASE])

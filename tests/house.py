@@ -20,6 +20,7 @@ ROOT = Path(__file__).parents[1]
 FOLDERS = ("instrument", "drivers", "simulators", "procedures", "palpate")
 COMMANDS = ROOT / "procedures" / "commands"
 MEASUREMENTS = ROOT / "procedures" / "measurements"
+SHARED = {"__init__", "__pycache__", "columns", "prospects", "settings", "work"}  # of all procedures
 CACHES = {"cache", "lru_cache"}
 PRIVATE = re.compile(r"_[a-z]\w*|.*\._[a-z]\w*")
 
@@ -163,8 +164,8 @@ def sizes() -> Iterator[tuple[str, str]]:
     for name, paths in (("product", _product()), ("tests", tests)):
         statements, lines, files = _size(paths)
         yield name, f"{statements} statements, {lines} lines in {files} files"
-    procedures = [each for each in sorted(MEASUREMENTS.iterdir()) if (each / "procedure.py").exists()]
-    lines = sum(_size(each.rglob("*.py"))[1] for each in procedures)
+    procedures = [each for each in MEASUREMENTS.iterdir() if each.stem not in SHARED]
+    lines = sum(_size(each.rglob("*.py") if each.is_dir() else [each])[1] for each in procedures)
     yield "a procedure", f"{lines / len(procedures):.0f} lines, the mean of {len(procedures)}"
     yield "caches of modules in measurements", str(_caches(MEASUREMENTS.rglob("*.py")))
     several = names_for_several()

@@ -19,8 +19,7 @@ SERVER = """
 import contextlib, json, os, signal, sys, tempfile
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
 from palpate.instrument.quantity import parse
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads import report
+from palpate.procedures.measurements import loads
 from palpate.procedures.records import resumed as resume
 from palpate.procedures.engine import conduct
 from palpate.procedures.commands import main

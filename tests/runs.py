@@ -7,10 +7,8 @@ from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from palpate.procedures.records.chain import NOTHING, Head, packed
+from palpate.procedures.records.chain import HEAD_FILE, NOTHING, RECORD, Head, packed
 from palpate.procedures.records.record_file import (
-    HEAD_FILE,
-    RECORD,
     SIMULATED,
     Waveforms,
     chain_of,

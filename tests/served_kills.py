@@ -27,14 +27,16 @@ from typing import Self
 
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.live.server import serving
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import is_run
-from palpate.procedures.virtual.served_bench import Served, Wish, serving
+from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig.assembly import Mounted
 from palpate.simulators.wire.device import Refused
+from tests.procedures.live import Served
 
 SAMPLES = "123456"
 POINTS = 2  # of a run, each of another sample
@@ -49,8 +51,7 @@ SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal
 FORKS = """
 import contextlib, json, os, signal, socket, sys, tempfile, threading
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
-from palpate.procedures.measurements.loads import procedure as load_sweep
-from palpate.procedures.measurements.loads import report
+from palpate.procedures.measurements import loads
 from palpate.procedures.records import resumed as resume
 from palpate.procedures.engine import conduct
 from palpate.procedures.commands import main

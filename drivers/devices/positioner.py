@@ -14,7 +14,7 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.role_maps.positioner import PositionerMap, PositionerSettings, State
 from palpate.instrument.bench.role_maps.steps import ramp_value, speed_of, speed_value
 from palpate.instrument.contracts import positioner
-from palpate.instrument.contracts.contract import Value
+from palpate.instrument.contracts.field import Value
 from palpate.instrument.errors import BenchError, DeviceError, RangeError
 
 POLL = 0.02  # s

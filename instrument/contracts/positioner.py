@@ -6,7 +6,9 @@ target.
 
 from __future__ import annotations
 
-from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Identity
+from palpate.instrument.contracts.field import Field, probe
 
 CONTRACT = Contract(
     name="positioner",

@@ -25,7 +25,7 @@ from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.procedures.accuracy.arithmetic import NEAR, late_sine
+from palpate.procedures.accuracy.numerics import NEAR, late_sine
 from palpate.procedures.engine.plan import noise_of
 from palpate.procedures.measurements.object_modulus.planning import (
     CURVE,

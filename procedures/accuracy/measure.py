@@ -25,10 +25,9 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import Array, element_prices, errors_of
-from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
+from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, reference_of, solve_all
 from palpate.procedures.accuracy.numerics import seconds_of
-from palpate.procedures.accuracy.references import reference_of
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 
 
 def this_machine() -> Machine:

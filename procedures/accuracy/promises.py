@@ -14,9 +14,8 @@ from typing import Any
 
 from palpate.instrument.errors import RecordError
 from palpate.instrument.quantity import counted
-from palpate.procedures.engine.promise import ACHIEVED, RESULTS
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.engine.procedure import ACHIEVED, RESULTS
+from palpate.procedures.records.run import Run, list_runs
 from palpate.procedures.showing.text import new_table, number, percent, print_all
 
 

@@ -8,8 +8,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from palpate.procedures.commands import completion, options, texts
-from palpate.procedures.commands.completion import SCENE
+from palpate.procedures.commands import options, texts
 from palpate.procedures.commands.options import (
     FILE_NAME,
     Output,
@@ -22,6 +21,7 @@ from palpate.procedures.commands.options import (
 )
 from palpate.procedures.commands.scene import question_options
 from palpate.procedures.commands.settings import SettingsCommand
+from palpate.procedures.commands.texts import SCENE
 from palpate.procedures.lab.store import store as usual
 
 if TYPE_CHECKING:
@@ -45,7 +45,7 @@ TOLERANCE = 0.05
 @options.thickness_option
 @option(
     "--scene",
-    shell_complete=completion.scene,
+    shell_complete=texts.complete_scene,
     metavar="NAME|FILE",
     help="Scene of a simulated bench (default: thesis_single).",
 )
@@ -198,8 +198,8 @@ def scene_command(
     whole scene with the same noise. Of all subsets only these are tried, as many as there are effects.
     """
     from palpate.procedures.showing.figure import check_picture
-    from palpate.procedures.virtual.explained import Question
-    from palpate.procedures.virtual.scene_front import SceneFront, plot_front, print_front
+    from palpate.procedures.virtual.explained import SceneFront, plot_front, print_front
+    from palpate.simulators.planning.plan import Question
 
     output = Output(as_json, quiet)
     check_picture(out)

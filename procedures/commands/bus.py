@@ -155,7 +155,7 @@ def scan(
     known is told as one that "could be" a kind whose registers it has: look at its label. Ctrl-C leaves what was found.
     Exit status 1: nobody answers.
     """
-    from palpate.procedures.lab.begun_bench import begun_bench
+    from palpate.procedures.lab.before import begun_bench
     from palpate.procedures.lab.scan import ScanPlan
 
     output = Output(as_json, quiet)
@@ -262,7 +262,7 @@ def show(log: Path, as_json: bool, quiet: bool) -> None:
     Times are those of the bench's clock, in seconds since the first message. Exit status 1: the log is damaged, or was
     cut off; what precedes that is shown.
     """
-    from palpate.procedures.logs.shown import ShownMessage, read_log
+    from palpate.procedures.logs import ShownMessage, read_log
     from palpate.procedures.records.chain import check_holes
 
     output = Output(as_json, quiet)

@@ -33,7 +33,7 @@ def history(
 
     from palpate.procedures.engine.history import history as found_in
     from palpate.procedures.lab.run_table import chosen
-    from palpate.procedures.records.run_list import list_runs
+    from palpate.procedures.records.run import list_runs
     from palpate.procedures.showing.figure import check_picture
     from palpate.procedures.showing.history import plot_history, print_history
 

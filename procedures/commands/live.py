@@ -31,16 +31,13 @@ def live(run: str, limits: Path | None, port: int | None, as_json: bool, quiet: 
     """
     from palpate.drivers.clock import WallClock
     from palpate.instrument.errors import RecordError
-    from palpate.procedures.engine.limits import read_limits
-    from palpate.procedures.engine.verdict import judge
+    from palpate.procedures.engine.verdict import judge, read_limits
     from palpate.procedures.lab.store import store
     from palpate.procedures.live.feed import Feed
     from palpate.procedures.live.server import serving
-    from palpate.procedures.records.chain import read_head
+    from palpate.procedures.records.chain import HEAD_FILE, read_head
     from palpate.procedures.records.events import Event, followed
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_folder import HEAD_FILE
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     asked = None if limits is None else read_limits(limits)

@@ -13,7 +13,7 @@ import click
 from palpate.instrument.arithmetic import arithmetic, own_kernels
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
-from palpate.procedures.commands import completion, texts
+from palpate.procedures.commands import texts
 from palpate.procedures.commands.options import (
     FILE_NAME,
     Output,
@@ -229,8 +229,8 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
                 "--model",
                 "name",
                 default="auto",
-                shell_complete=completion.model,
-                help=f"{', '.join(completion.MODELS)}; or auto: the fastest that meets the tolerance.",
+                shell_complete=texts.complete_model,
+                help=f"{', '.join(texts.MODELS)}; or auto: the fastest that meets the tolerance.",
             ),
             *described,
             option(

@@ -49,42 +49,32 @@ def new() -> None:
 @output_options
 def device(name: str, bus: str, kind: str, folder: Path, as_json: bool, quiet: bool) -> None:
     """Write a package with contract, driver, simulator, golden frames and test of a device."""
-    from palpate.procedures.templates.new_device import new_device
+    from palpate.procedures.templates.new_files import new_device
 
     _tell(new_device(name, bus, kind, folder), PACKAGE + DEVICE, Output(as_json, quiet))
 
 
-@new.command(epilog="Examples:\n\n  palpate new design grasper_7")
-@click.argument("name")
-@FOLDER
-@output_options
-def design(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
-    """Write a package with a sensor design that scenes and bench files can name, and its test."""
-    from palpate.procedures.templates.new_design import new_design
+def _package(kind: str, example: str, then: str, text: str) -> None:
+    """A command that writes a package with something of a kind."""
 
-    _tell(new_design(name, folder), PACKAGE + DESIGN, Output(as_json, quiet))
+    @new.command(kind, help=text, epilog=f"Examples:\n\n  palpate new {kind} {example}")
+    @click.argument("name")
+    @FOLDER
+    @output_options
+    def package(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
+        from palpate.procedures.templates.new_files import new_package
 
-
-@new.command(epilog="Examples:\n\n  palpate new effect cable_sag")
-@click.argument("name")
-@FOLDER
-@output_options
-def effect(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
-    """Write a package with an effect that scenes can call for, and its test."""
-    from palpate.procedures.templates.new_effect import new_effect
-
-    _tell(new_effect(name, folder), PACKAGE + EFFECT, Output(as_json, quiet))
+        _tell(new_package(kind, name, folder), PACKAGE + then, Output(as_json, quiet))
 
 
-@new.command(epilog="Examples:\n\n  palpate new procedure repeatability")
-@click.argument("name")
-@FOLDER
-@output_options
-def procedure(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
-    """Write a package with a procedure on the bench, and its test."""
-    from palpate.procedures.templates.new_procedure import new_procedure
-
-    _tell(new_procedure(name, folder), PACKAGE + PROCEDURE, Output(as_json, quiet))
+_package(
+    "design",
+    "grasper_7",
+    DESIGN,
+    "Write a package with a sensor design that scenes and bench files can name, and its test.",
+)
+_package("effect", "cable_sag", EFFECT, "Write a package with an effect that scenes can call for, and its test.")
+_package("procedure", "repeatability", PROCEDURE, "Write a package with a procedure on the bench, and its test.")
 
 
 @new.command(epilog="Examples:\n\n  palpate new bench lab_2\n\n  palpate new bench lab_2 --device sample_changer")
@@ -100,7 +90,7 @@ def procedure(name: str, folder: Path, as_json: bool, quiet: bool) -> None:
 @output_options
 def bench(name: str, kinds: tuple[str, ...], folder: Path, as_json: bool, quiet: bool) -> None:
     """Write a folder with a bench file, the scene that stands in for it, and tests for both and for CI."""
-    from palpate.procedures.templates.new_bench import new_bench
+    from palpate.procedures.templates.new_files import new_bench
 
     _tell(new_bench(name, kinds, folder), BENCH, Output(as_json, quiet))
 

@@ -14,10 +14,9 @@ from typing import TYPE_CHECKING, TypeVar, cast
 import click
 
 from palpate.instrument.errors import UsageError
-from palpate.procedures.commands import completion
+from palpate.procedures.commands import texts
 from palpate.procedures.commands.texts import quantity, share
-from palpate.procedures.console.progress import Progress, shown, silent
-from palpate.procedures.console.terminal import say
+from palpate.procedures.console.terminal import Progress, say, shown, silent
 
 if TYPE_CHECKING:
     from palpate.procedures.live.control import PageControl
@@ -272,7 +271,7 @@ def bench_options(command: F) -> F:
         option("--seed", type=click.IntRange(0, 2**63 - 1), help="Seed of the simulated scene."),
         option(
             "--scene",
-            shell_complete=completion.scene,
+            shell_complete=texts.complete_scene,
             metavar="NAME|FILE",
             help="Scene to simulate (default: thesis_single, if the text above names no other).",
         ),

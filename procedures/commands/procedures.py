@@ -12,8 +12,7 @@ from typing import TYPE_CHECKING
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
-from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.promise import expected_of
+from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S, expected_of
 from palpate.procedures.engine.run import open_and_run, prepared
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.about import completed, given
@@ -27,9 +26,8 @@ from palpate.procedures.steps.pause import NOBODY
 if TYPE_CHECKING:
     from palpate.instrument.uncertainty.budget import Budget
     from palpate.instrument.uncertainty.propagation import Propagated
-    from palpate.procedures.engine.limits import LimitsFile
     from palpate.procedures.engine.plan import Plan
-    from palpate.procedures.engine.verdict import Judgement
+    from palpate.procedures.engine.verdict import Judgement, LimitsFile
     from palpate.procedures.records.run import Run
 
 
@@ -49,7 +47,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Outpu
     chosen = chosen_by(choice, model)
     if choice.fidelity is None:
         return chosen
-    from palpate.procedures.lab.fidelity import FIDELITY, at_fidelity
+    from palpate.procedures.lab.chosen import FIDELITY, at_fidelity
 
     procedure, ahead, _ = prepared(procedure, chosen.target)
     with output.prices():
@@ -65,7 +63,7 @@ def chosen_for(procedure: Procedure[S, P, R], choice: BenchChoice, output: Outpu
 
 def limits_given(output: Output) -> LimitsFile | None:
     """The limits of a command; None: it has none. Raises ConfigError."""
-    from palpate.procedures.engine.limits import read_limits
+    from palpate.procedures.engine.verdict import read_limits
 
     return None if output.limits is None else read_limits(output.limits)
 

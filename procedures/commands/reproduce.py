@@ -40,8 +40,7 @@ def reproduce(context: click.Context, seed: int | None, out: Path | None, as_jso
         return 0
     from palpate.instrument.notice import price
     from palpate.procedures.reproduce import everything
-    from palpate.procedures.reproduce.files import table_object
-    from palpate.procedures.reproduce.models import Reproduction
+    from palpate.procedures.reproduce.models import Reproduction, table_object
     from palpate.procedures.reproduce.page import Everything, print_everything
 
     output = Output(as_json, quiet)
@@ -92,7 +91,7 @@ def models(parameters: str, fresh: bool, out: Path | None, as_json: bool, quiet:
     """
     from palpate.instrument.notice import price
     from palpate.procedures.reproduce import models as against
-    from palpate.procedures.reproduce.files import table_object
+    from palpate.procedures.reproduce.models import table_object
     from palpate.procedures.reproduce.page import print_reproduction
 
     output = Output(as_json, quiet)

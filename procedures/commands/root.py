@@ -7,33 +7,64 @@ import io
 import resource
 import signal
 import sys
+import traceback
+from pathlib import Path
 
 import click
 
 from palpate.procedures.commands.accuracy import accuracy
 from palpate.procedures.commands.bus import bus
-from palpate.procedures.commands.calibrate import calibrate
 from palpate.procedures.commands.campaign import campaign
-from palpate.procedures.commands.characterise import characterise
 from palpate.procedures.commands.contracts import contracts
 from palpate.procedures.commands.history import history
-from palpate.procedures.commands.judge import judge
 from palpate.procedures.commands.live import live
-from palpate.procedures.commands.measure import measure
+from palpate.procedures.commands.measure import measure, softness
 from palpate.procedures.commands.model import model
 from palpate.procedures.commands.new import new
 from palpate.procedures.commands.options import StrictGroup
-from palpate.procedures.commands.outside import blamed
 from palpate.procedures.commands.reproduce import reproduce
-from palpate.procedures.commands.runs import runs
+from palpate.procedures.commands.runs import judge, runs
 from palpate.procedures.commands.scene import scene
 from palpate.procedures.commands.serve import serve
-from palpate.procedures.commands.softness import softness
+from palpate.procedures.commands.short import calibrate, characterise, sweep, test
 from palpate.procedures.commands.study import study
-from palpate.procedures.commands.sweep import sweep
-from palpate.procedures.commands.test import test
-from palpate.procedures.console.drawing import draw_as_shipped
-from palpate.procedures.console.terminal import fill_streams, give_up, say
+from palpate.procedures.console.terminal import draw_as_shipped, fill_streams, give_up, say
+
+# --- Says which installed package's code raised an error that is none of palpate's ---------------------
+
+
+def blamed(error: BaseException) -> str:
+    """What failed in the code of an installed package, for people; empty if no such code was running.
+
+    It names the package, the function that palpate called, the error, and the line of the package where it came up.
+    """
+    from palpate.instrument.additions import additions
+    from palpate.instrument.bench.kinds import GROUP as KINDS
+    from palpate.instrument.sensor.designs import GROUP as DESIGNS
+    from palpate.procedures.engine.catalogue import GROUP as EFFECTS
+    from palpate.procedures.engine.catalogue import GROUP as PROCEDURES
+
+    origins = {
+        each.place.partition(":")[0].partition(".")[0]: each.origin
+        for group in (PROCEDURES, KINDS, EFFECTS, DESIGNS)
+        for several in additions(group).values()
+        for each in several
+    }
+    frames = [
+        (origins[module], frame.f_code, line)
+        for frame, line in traceback.walk_tb(error.__traceback__)
+        if (module := str(frame.f_globals.get("__name__")).partition(".")[0]) in origins and module != "palpate"
+    ]
+    if not frames:
+        return ""
+    (origin, hook, _), (_, code, line) = frames[0], frames[-1]
+    return (
+        f"{origin}: {hook.co_qualname} failed: {type(error).__name__}: {error} ({Path(code.co_filename).name}, line"
+        f" {line}); mend that package"
+    )
+
+
+# --- the procedure -------------------------------------------------------------------------------------
 
 UNREAD = 128 + signal.SIGPIPE  # exit status: nobody reads the output any more, as behind `| head`
 ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message

@@ -6,21 +6,22 @@ from pathlib import Path
 
 import click
 
-from palpate.procedures.commands.completion import RUN
-from palpate.procedures.commands.completion import run as run_names
 from palpate.procedures.commands.options import (
     FILE_NAME,
+    JUNIT,
     PROGRESS,
     WHERE,
     Output,
     StrictCommand,
     StrictGroup,
     assume_option,
+    check_junit,
     live_options,
     option,
     output_options,
     picture_option,
 )
+from palpate.procedures.commands.texts import RUN, complete_run
 from palpate.procedures.lab.store import store
 
 # --- The commands palpate runs check, runs repair and runs install -------------------------------------
@@ -38,7 +39,7 @@ def check(run: str, as_json: bool, quiet: bool) -> int:
     or changed row is found. A run that has not ended is not damaged.
     """
     from palpate.procedures.records.damage import check as look_over
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.runs import check_object, print_check
 
     output = Output(as_json, quiet)
@@ -58,7 +59,7 @@ def repair(run: str, out: Path, as_json: bool, quiet: bool) -> None:
     is lost. A run that lost only its end can be resumed.
     """
     from palpate.procedures.records.damage import repair as salvage
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.runs import print_repaired, repaired_object
 
     output = Output(as_json, quiet)
@@ -82,8 +83,7 @@ def install(run: str, as_json: bool, quiet: bool) -> None:
     from datetime import UTC, datetime
 
     from palpate.procedures.lab.calibrations import install_of
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))
@@ -130,8 +130,7 @@ def resume(
     from palpate.procedures.engine.catalogue import class_of
     from palpate.procedures.engine.resume import begun, go_on
     from palpate.procedures.lab.operator import keyboard
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     opened = Run.open(find_run(run, store()))
     output = Output(as_json, quiet, progress, live=live)
@@ -173,7 +172,7 @@ def list_(out: Path | None, where: tuple[str, ...], as_json: bool, quiet: bool) 
     """List the runs in runs/, newest first."""
     from palpate.instrument.errors import UsageError
     from palpate.procedures.lab.run_table import chosen
-    from palpate.procedures.records.run_list import list_runs
+    from palpate.procedures.records.run import list_runs
     from palpate.procedures.showing.runs import print_runs, run_row
 
     output = Output(as_json, quiet)
@@ -196,8 +195,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     Every row is checked against its hash. Runs with the same measured values have the same digest. The
     digest of signals counts settings, times and waveforms alone, and is the same by any arithmetic.
     """
-    from palpate.procedures.records.run import Run, unfinished
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run, unfinished
     from palpate.procedures.showing.runs import print_run, run_object
 
     output = Output(as_json, quiet)
@@ -210,7 +208,7 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     epilog="Examples:\n\n  palpate runs report first-day\n\n  palpate runs report first-day second-day --out both.html"
     "\n\n  palpate runs report first-day --limits limits.toml --json"
 )
-@click.argument("run", nargs=-1, required=True, shell_complete=run_names)
+@click.argument("run", nargs=-1, required=True, shell_complete=complete_run)
 @option("--out", type=FILE_NAME, metavar="FILE", help="New file (default: report.html in the folder of the first run).")
 @option(
     "--limits",
@@ -226,9 +224,8 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     with the uncertainty of each difference, then each run. A damaged run is shown as far as it is whole. No file is
     overwritten.
     """
-    from palpate.procedures.engine.limits import read_limits
-    from palpate.procedures.engine.verdict import STATUS
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.engine.verdict import STATUS, read_limits
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.run_report import check_page, compared, report_page, reported, write_page
 
     output = Output(as_json, quiet)
@@ -263,7 +260,7 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
 def plot(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Draw the figure of a run anew from its record. RUN is a folder or a name in runs/."""
     from palpate.procedures.commands.procedures import after
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import find_run
     from palpate.procedures.showing.figure import picture_file
     from palpate.procedures.showing.run_report import draw_run, reported
 
@@ -289,8 +286,7 @@ def plot(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     """Export points and waveforms of a run as tables. RUN is a folder or a name in runs/."""
     from palpate.procedures.records.export import export as export_run
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import find_run
+    from palpate.procedures.records.run import Run, find_run
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, store()))
@@ -300,3 +296,38 @@ def export(run: str, to: str, out: Path | None, as_json: bool, quiet: bool) -> N
         output.json({**about, "files": [str(file) for file in files]})
     for file in files:
         output.line(str(file))
+
+
+# --- The command palpate judge -------------------------------------------------------------------------
+
+
+@click.command(
+    cls=StrictCommand,
+    epilog="Examples:\n\n  palpate judge first-day limits.toml"
+    "\n\n  palpate judge runs/20260102T030405Z-sweep-loads limits.toml --junit verdicts.xml --json",
+)
+@RUN
+@click.argument("limits", type=FILE_NAME)
+@JUNIT
+@output_options
+def judge(run: str, limits: Path, junit: Path | None, as_json: bool, quiet: bool) -> int:
+    """Judge a run by limits: does its result lie within? RUN is a folder or a name in runs/, LIMITS a TOML file.
+
+    A limit passes if the value lies outside with at most the stated risk, and fails if it lies beyond the limit with
+    all but that risk (JCGM 106). Else it is undecided, and the reason says which uncertainty would decide it. Exit
+    status 3: a limit fails; 4: one is undecided, and none fails. Each procedure judges its result with --limits, too.
+    """
+    from palpate.procedures.commands.procedures import tell_verdicts
+    from palpate.procedures.engine.verdict import judge as judged_by
+    from palpate.procedures.engine.verdict import read_limits
+    from palpate.procedures.lab.store import store
+    from palpate.procedures.records.run import Run, find_run
+
+    check_junit(junit)
+    output = Output(as_json, quiet, limits=limits, junit=junit)
+    asked, opened = read_limits(limits), Run.open(find_run(run, store()))
+    found = judged_by(opened, asked)
+    if as_json:
+        about = {"run": str(opened.folder), "procedure": opened.procedure, "simulated": opened.simulated}
+        output.json({**about, **found.summary()})
+    return tell_verdicts(found, opened, output)

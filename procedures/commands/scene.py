@@ -7,7 +7,6 @@ from pathlib import Path
 import click
 
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import (
     F,
     Output,
@@ -18,6 +17,7 @@ from palpate.procedures.commands.options import (
     output_options,
     picture_option,
 )
+from palpate.procedures.commands.texts import SCENE
 
 # --- The command palpate scene explain -----------------------------------------------------------------
 
@@ -64,7 +64,8 @@ def explain(
     Of each effect, in the scene or not, it is measured how much force and force ratio change without it, or with it;
     with --prices also the processor time that those in the scene add, once and for each second of bench.
     """
-    from palpate.procedures.virtual.explained import Explained, Question, print_explained
+    from palpate.procedures.virtual.explained import Explained, print_explained
+    from palpate.simulators.planning.plan import Question
 
     output = Output(as_json, quiet)
     with output.prices(), output.progress("the path") as progress:
@@ -134,8 +135,8 @@ def plot(
     scene: str, sample: str, load: float, frequency: float, periods: int, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
     """Draw the waveforms at each stage of a scene, from the shaker's coil to the samples of the sensor nodes."""
-    from palpate.procedures.virtual.explained import Question
-    from palpate.procedures.virtual.waveforms import plot as plot_waveforms
+    from palpate.procedures.virtual.explained import plot as plot_waveforms
+    from palpate.simulators.planning.plan import Question
 
     output = Output(as_json, quiet)
     found = plot_waveforms(scene, Question(sample, load, frequency), periods, out)

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.procedures.commands import texts
-from palpate.procedures.commands.completion import SCENE
 from palpate.procedures.commands.options import FILE_NAME, Output, StrictCommand, option, output_options
+from palpate.procedures.commands.texts import SCENE
 from palpate.procedures.console.terminal import say
 
 if TYPE_CHECKING:

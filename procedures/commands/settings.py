@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.instrument.errors import ConfigError, UsageError
-from palpate.procedures.commands import completion
+from palpate.procedures.commands import texts
 from palpate.procedures.commands.options import (
     DRY_RUN,
     BenchChoice,
@@ -26,7 +26,7 @@ if TYPE_CHECKING:
 FIELD = "field_"  # prefix of a parameter for a field, so that no other parameter of the command has the same name
 MODEL = option(
     "--model",
-    shell_complete=completion.model,
+    shell_complete=texts.complete_model,
     metavar="NAME",
     help="Sensor model of the scene, as in `palpate model ratio`, or auto.",
 )
@@ -147,7 +147,7 @@ def _option(asked: SettingField, required: bool) -> click.Option:
         required=required,
         metavar=asked.metavar,
         multiple=asked.setting.repeated,
-        shell_complete=completion.model if asked.name == "model" else None,
+        shell_complete=texts.complete_model if asked.name == "model" else None,
         callback=given,
         help=says,
     )

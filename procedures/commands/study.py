@@ -44,11 +44,9 @@ def study(
     from palpate.procedures.records.chain import check_holes
     from palpate.procedures.records.export import FORMATS, check_format
     from palpate.procedures.study.description import read_study
-    from palpate.procedures.study.report import plot_study, print_study
-    from palpate.procedures.study.results import read_results
+    from palpate.procedures.study.results import plot_study, print_study, read_results
     from palpate.procedures.study.run import RECORD, Store, run
-    from palpate.procedures.virtual.executors import executor_of
-    from palpate.procedures.virtual.study_cell import StudyComputation
+    from palpate.procedures.virtual.study_cell import StudyComputation, executor_of
 
     output = Output(as_json, quiet)
     if workers is not None and dask is not None:

@@ -1,17 +1,22 @@
-"""What the texts of options mean: `callback=quantity("N")` gives the command a number in place of a text.
+"""What the texts of options mean, and how a shell completes them: `callback=quantity("N")` gives a command a number.
 
-What reads a text is imported when there is one to read, so that commands start soon.
+What reads a text or lists what completes it is imported when it is asked, so that commands start soon.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Sequence
-from typing import TypeVar
+from collections.abc import Callable, Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, TypeVar
 
 import click
 
 from palpate.instrument.errors import PalpateError, UsageError
+
+if TYPE_CHECKING:
+    from click.shell_completion import CompletionItem
+
 
 T = TypeVar("T")
 Callback = Callable[[click.Context, click.Parameter, str | None], T | None]
@@ -98,3 +103,44 @@ def samples(text: str) -> tuple[str, ...]:
     from palpate.instrument.sensor.sample import parse_samples
 
     return parse_samples(text)
+
+
+Complete = Callable[[click.Context, click.Parameter, str], "list[CompletionItem]"]
+
+MODELS = (
+    "column", "column_fitted", "beam", "beam_exact", "beam_printed", "experiment", "surface", "axisymmetric", "solid",
+)  # fmt: skip  # their table would import numpy
+
+
+def _completed(names: Callable[[], Iterable[str]], *, file: bool) -> Complete:
+    """Completes one of some names, or the name of a file or folder."""
+
+    def complete(_ctx: click.Context, _param: click.Parameter, begun: str) -> list[CompletionItem]:
+        from click.shell_completion import CompletionItem
+
+        fitting = [CompletionItem(name) for name in names() if name.startswith(begun)]
+        return fitting or ([CompletionItem(begun, type="file")] if file else [])
+
+    return complete
+
+
+def _scenes() -> list[str]:
+    from palpate.procedures.virtual.scene_list import names
+
+    return names()
+
+
+def _runs() -> list[str]:
+    from palpate.procedures.lab.store import store
+    from palpate.procedures.records.chain import is_run
+
+    folders = Path(store())
+    return sorted(path.name for path in folders.iterdir() if is_run(path)) if folders.is_dir() else []
+
+
+complete_scene = _completed(_scenes, file=True)
+complete_model = _completed(lambda: (*MODELS, "auto"), file=False)
+complete_run = _completed(_runs, file=True)
+
+SCENE = click.argument("scene", shell_complete=complete_scene)
+RUN = click.argument("run", shell_complete=complete_run)

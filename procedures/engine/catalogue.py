@@ -16,22 +16,21 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from palpate.procedures.engine.plan import Step
-    from palpate.procedures.engine.procedure import P, Procedure, R, S
-    from palpate.procedures.engine.result import Result
+    from palpate.procedures.engine.procedure import P, Procedure, R, Result, S
     from palpate.procedures.records.run import Run
 
 GROUP, WHAT = "palpate.procedures", "procedure"
 SHIPPED = {
-    "sweep-loads": "palpate.procedures.measurements.loads.procedure:LoadSweep",
-    "sweep-frequency": "palpate.procedures.measurements.frequency.procedure:FrequencySweep",
-    "sweep-temperature": "palpate.procedures.measurements.temperature.procedure:TemperatureSweep",
-    "sweep-position": "palpate.procedures.measurements.position.procedure:PositionSweep",
+    "sweep-loads": "palpate.procedures.measurements.loads:LoadSweep",
+    "sweep-frequency": "palpate.procedures.measurements.frequency:FrequencySweep",
+    "sweep-temperature": "palpate.procedures.measurements.temperature:TemperatureSweep",
+    "sweep-position": "palpate.procedures.measurements.position:PositionSweep",
     "calibrate-load-cell": "palpate.procedures.measurements.load_cell.procedure:LoadCellSeries",
-    "calibrate-films": "palpate.procedures.measurements.films.procedure:FilmSeries",
-    "calibrate-model": "palpate.procedures.measurements.references.procedure:ReferenceSeries",
-    "test-modulus": "palpate.procedures.measurements.modulus.procedure:ModulusTest",
+    "calibrate-films": "palpate.procedures.measurements.films:FilmSeries",
+    "calibrate-model": "palpate.procedures.measurements.references:ReferenceSeries",
+    "test-modulus": "palpate.procedures.measurements.modulus:ModulusTest",
     "measure-modulus": "palpate.procedures.measurements.object_modulus.procedure:ObjectModulus",
-    "softness": "palpate.procedures.measurements.softness.procedure:SoftnessTest",
+    "softness": "palpate.procedures.measurements.softness:SoftnessTest",
     "characterise": "palpate.procedures.measurements.characterise.procedure:Characterisation",
 }
 

@@ -17,8 +17,7 @@ from palpate.instrument.uncertainty.control_chart import Check, checked, drift
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.engine.verdict import FoundQuantity, quantities_of
 from palpate.procedures.lab.run_table import bench_of
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.records.run import Run, RunSummary
 
 MONTH = timedelta(days=365.25 / 12)
 LONGEST = 1200  # months; no date is told that is farther away

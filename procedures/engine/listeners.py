@@ -10,11 +10,10 @@ from dataclasses import dataclass
 from pathlib import Path
 from time import monotonic
 
-from palpate.procedures.console.progress import Progress, Shown
-from palpate.procedures.console.terminal import say
+from palpate.procedures.console.terminal import Progress, Shown, say
 from palpate.procedures.lab.store import store
 from palpate.procedures.records.events import Event, Listener, followed, unheard
-from palpate.procedures.records.run_list import find_run
+from palpate.procedures.records.run import find_run
 
 WAITING = 10_000  # events that a listener may not have taken yet
 PATIENCE = 2.0  # s that a listener may take for one event once the run has ended

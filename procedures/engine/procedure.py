@@ -1,12 +1,12 @@
 """The types of a procedure: its settings, its plan of steps, the work at each step, and the result of its points.
 
-A procedure is written as follows, with the load sweep (`measurements/loads/`) as the example:
+A procedure is written as follows, with the load sweep (`measurements/loads.py`) as the example:
 
-1. `result.py`: the point, a frozen dataclass whose fields are the names in the record, each with a `Column`
+1. The point, a frozen dataclass whose fields are the names in the record, each with a `Column`
    (`records/columns.py`) that says what it is and how it is printed; the result, which has `points`, `budgets` and
    `summary()`; and `evaluate`, a function of the points.
-2. `report.py`: a function that gives tables and lines of the result, and one that draws it into a folder.
-3. `procedure.py`:
+2. What it shows: a function that gives tables and lines of the result, and one that draws it into a folder.
+3. The procedure:
    - the procedure, a frozen dataclass whose fields are the settings, in the order of the record. A `Setting`
      (`engine/settings.py`) gives the unit and the description of each;
    - `check` refuses impossible settings before anything is sent to a device;
@@ -16,7 +16,7 @@ A procedure is written as follows, with the load sweep (`measurements/loads/`) a
      and end;
    - `course`, where the points themselves tell when to stop, or when a group of steps, such as a mounted sample, has
      enough (`until_full`): `plan` then lists the most steps, and its `basis` is what `course` and `evaluate` judge by;
-   - `evaluate` and `report` call the functions of 1 and 2.
+   - `evaluate` and `report` call the functions of 1 and 2. Where a file gets long, 1 and 2 are a file `report.py`.
 4. Its name goes into `engine/catalogue.py`: then its runs resume and replay, and `palpate measure` makes it a command.
 5. A shorter name, a longer help and a scene of its own are said in `commands/` by `commands.settings.conducting`; its
    options come from the fields. Where these do not suffice, a command of class `SettingsCommand` adds options.
@@ -27,26 +27,26 @@ A procedure never changes; the work holds the state from step to step.
 
 from __future__ import annotations
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Generator, Hashable, Mapping, Sequence
-from dataclasses import dataclass, field, fields
+from dataclasses import asdict, dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, ClassVar, Generic, Protocol, Self, TypeVar
 
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
-from palpate.procedures.console.drawing import load_matplotlib
-from palpate.procedures.engine.plan import B, Plan, Step
-from palpate.procedures.engine.result import Result
+from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.console.terminal import load_matplotlib
+from palpate.procedures.engine.plan import B, Plan, Predicted, Step
 from palpate.procedures.lab.calibrations import Unstored
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.open import Calibrating
 from palpate.procedures.lab.session import CalibrationKeys, Outcome, Session
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.records.resumed import settings_of
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.flags import Judged, check_some_valid
 
 if TYPE_CHECKING:
@@ -54,10 +54,120 @@ if TYPE_CHECKING:
 
     from palpate.instrument.models.ratio import RatioQuestion
     from palpate.instrument.sensor.design import Design
+    from palpate.instrument.uncertainty.propagation import Propagated
 
+
+# --- What a procedure finds: its points, its budgets, and its other values for JSON --------------------
+
+
+P = TypeVar("P", bound="DataclassInstance")
+
+
+class Result(Protocol):
+    """The result of a procedure.
+
+    What a plan predicts of its results is compared with their budgets. A result may have besides:
+    `unbudgeted`, values and standard uncertainties by name of results without a budget; and `achieved_u`, the relative
+    standard uncertainty that it reached, or None, where that is not the greatest one among the predicted results.
+    """
+
+    @property
+    def points(self) -> Sequence[DataclassInstance]:
+        """The measured points; their fields have the names of the record."""
+
+    @property
+    def budgets(self) -> Sequence[Budget | Propagated]:
+        """The uncertainty budgets of the result."""
+
+    def summary(self) -> dict[str, Any]:
+        """The result for JSON, without its points."""
+
+
+@dataclass(frozen=True, slots=True)
+class SimpleResult(Generic[P]):
+    """A result for a procedure that needs no class of its own.
+
+    Attributes:
+        points: the measured points.
+        values: the other values, by their names in JSON.
+        budgets: the uncertainty budgets.
+    """
+
+    points: Sequence[P]
+    values: Mapping[str, object] = field(default_factory=dict)
+    budgets: Sequence[Budget | Propagated] = ()
+
+    def summary(self) -> dict[str, Any]:
+        return dict(self.values)
+
+
+# --- What a run is predicted to give, result by result, and what it gave, under the names of the results' budgets
+
+RELATIVE = "relative"
+RESULTS, ACHIEVED = "predicted_results", "achieved_results"  # keys of a plan and of a run in JSON
+
+
+@dataclass(frozen=True, slots=True)
+class Expected:
+    """The uncertainty of one result.
+
+    Attributes:
+        name: name of the result; that of its budget, if it has one.
+        u: standard uncertainty; in most cases the root mean square of what runs give, as a scatter that is known
+            beforehand stands for the scatter of a run's own points.
+        unit: unit of `u`; "relative": it is relative to the result.
+    """
+
+    name: str
+    u: float
+    unit: str = RELATIVE
+
+    @classmethod
+    def of(cls, budget: Budget) -> Expected:
+        """The relative uncertainty of a budget's result."""
+        return cls(budget.quantity, budget.u / abs(budget.value))
+
+
+def predicted(steps: Sequence[Step], results: Sequence[Expected], u: float | None = None) -> Predicted:
+    """The prediction of a run by its steps and its results; `u`: None: the greatest relative uncertainty among them."""
+    told = {RESULTS: [asdict(each) for each in results]}
+    return Predicted(math.fsum(step.seconds_expected for step in steps), greatest(results) if u is None else u, told)
+
+
+def expected_of(plan: Plan[Any]) -> list[Expected]:
+    """The results that a plan predicts."""
+    return [Expected(**row) for row in plan.predicted.details.get(RESULTS, ())]
+
+
+def achieved(expected: Sequence[Expected], result: Result) -> list[Expected]:
+    """What a run achieved of what was expected of it; a result that the run does not have is left out."""
+    linear = [each if isinstance(each, Budget) else each.budget for each in result.budgets]
+    known = {each.quantity: (each.value, each.u) for each in linear} | dict(getattr(result, "unbudgeted", {}))
+    found = []
+    for each in expected:
+        value, u = known.get(each.name, (0.0, None))
+        if u is None or (each.unit == RELATIVE and not value):
+            continue
+        found.append(Expected(each.name, u / abs(value) if each.unit == RELATIVE else u, each.unit))
+    return found
+
+
+def greatest(results: Sequence[Expected]) -> float | None:
+    """The greatest relative uncertainty among some results; None: there is none."""
+    return max((each.u for each in results if each.unit == RELATIVE), default=None)
+
+
+def achieved_u(plan: Plan[Any], result: Result) -> float | None:
+    """The relative standard uncertainty that a run achieved, to compare with the plan's; None: it is not known."""
+    expected = expected_of(plan)
+    reached = achieved(expected, result)
+    found: float | None = getattr(result, "achieved_u", greatest(reached) if len(reached) == len(expected) else None)
+    return found
+
+
+# --- the procedure -------------------------------------------------------------------------------------
 
 S = TypeVar("S", bound=Step)
-P = TypeVar("P", bound="DataclassInstance")
 R = TypeVar("R", bound=Result)
 S_contra = TypeVar("S_contra", bound=Step, contravariant=True)
 P_co = TypeVar("P_co", bound="DataclassInstance", covariant=True)

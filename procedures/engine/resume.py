@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, overload
 from palpate.instrument.errors import UsageError
 from palpate.procedures.engine.catalogue import class_of
 from palpate.procedures.engine.listeners import told_to
-from palpate.procedures.engine.procedure import Finished, P, Procedure, R, S
-from palpate.procedures.engine.result import Result
+from palpate.procedures.engine.procedure import Finished, P, Procedure, R, Result, S
 from palpate.procedures.engine.run import open_and_run
 from palpate.procedures.lab.before import before_of
 from palpate.procedures.lab.calibrations import is_unstored
@@ -19,12 +18,11 @@ from palpate.procedures.lab.store import store
 from palpate.procedures.records.events import Listener
 from palpate.procedures.records.record import MEASURED, put_file
 from palpate.procedures.records.resumed import Resumed, header_of
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import find_run
+from palpate.procedures.records.run import Run, find_run
 from palpate.procedures.steps.pause import NOBODY, Pause
 
 if TYPE_CHECKING:
-    from palpate.procedures.engine.result import Result
+    from palpate.procedures.engine.procedure import Result
 
 
 @overload

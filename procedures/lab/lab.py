@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime, timedelta
 from typing import TYPE_CHECKING, Any
@@ -16,6 +16,7 @@ from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.design import Design
+from palpate.instrument.sensor.sample import Sample
 
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
@@ -203,3 +204,20 @@ class Lab:
         from palpate.instrument.findings.object_modulus import ByReferences
 
         return ByReferences(self.references, self.same_films)
+
+
+@dataclass(frozen=True, slots=True)
+class Dwells:
+    """Settled load sets of one frequency.
+
+    Attributes:
+        objects: the samples or other objects.
+        loads: least and greatest load, peak to peak [N].
+        frequency: frequency of the load [Hz].
+        dwell: shortest dwell [s].
+    """
+
+    objects: Sequence[Sample]
+    loads: tuple[float, float]
+    frequency: float
+    dwell: float

@@ -63,7 +63,7 @@ class LoggedRun:
     def __init__(self, log: Path) -> None:
         """Raises ConfigError: the file is damaged or from another version. RecordError: it cannot be read."""
         from palpate.drivers.logs.bus_replay import BusReplay
-        from palpate.procedures.logs.shown import described
+        from palpate.procedures.logs import described
 
         self.wire = BusReplay(log, described)
         header, where = self.wire.run, str(self.wire.path)

@@ -15,8 +15,7 @@ from palpate.instrument.errors import BenchError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.sample import Sample
-from palpate.procedures.console.progress import without_bar
-from palpate.procedures.console.terminal import say
+from palpate.procedures.console.terminal import say, without_bar
 from palpate.procedures.steps.pause import NOBODY, Pause
 
 # --- Pauses a run at a terminal: the key `p` pauses it, and `p` again goes on --------------------------

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.errors import UnknownName, UsageError, quoted
 from palpate.procedures.lab.store import store
-from palpate.procedures.records.run_list import RunSummary, list_runs
+from palpate.procedures.records.run import RunSummary, list_runs
 
 if TYPE_CHECKING:
     import pandas as pd

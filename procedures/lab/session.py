@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import ExitStack, contextmanager, suppress
@@ -12,27 +13,32 @@ from pathlib import Path
 from traceback import format_exception
 from typing import TYPE_CHECKING, Any, NotRequired, TypedDict
 
+from palpate.drivers.clock import WallClock
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.additions import Addition
 from palpate.instrument.arithmetic import arithmetic
+from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.calibration import Calibration
+from palpate.instrument.calibration.files import read_calibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.contracts import contracts_digest
-from palpate.instrument.errors import PalpateError, RecordError, UsageError
+from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.procedures.console.terminal import say
+from palpate.procedures.lab.about import added_by, commit, versions
 from palpate.procedures.lab.before import BEFORE
+from palpate.procedures.lab.calibrations import KEPT
 from palpate.procedures.lab.lab import Lab, owner
-from palpate.procedures.lab.logged import load_cell_in, mountings_in
-from palpate.procedures.lab.open import Calibrating, OpenBench
-from palpate.procedures.lab.operator import Mounting, weaker
-from palpate.procedures.lab.software import added_by, commit, versions
+from palpate.procedures.lab.logged import Used, load_cell_in, mounting_in, mountings_in, scene_in
+from palpate.procedures.lab.open import Calibrating, OpenBench, driven_bench, lab_with
+from palpate.procedures.lab.operator import ConsoleOperator, Mounting, weaker
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.events import Listener, unheard
 from palpate.procedures.records.record import PAUSED, Recorder, put_file
 from palpate.procedures.records.record_file import as_json
-from palpate.procedures.records.resumed import Resumed
+from palpate.procedures.records.resumed import Resumed, header_of
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.beside import BesideSummary, summed_up
 from palpate.simulators.scenes.scene import Scene
@@ -396,3 +402,48 @@ def _kept(record: Recorder, bench: Bench, remedy: str) -> Iterator[None]:
         elif not isinstance(error, Exception):  # Ctrl-C or a signal
             error.add_note(f"no point was taken; the begun run is kept in {record.folder}{remedy}")
         raise
+
+
+# --- The bench of a recorded run, as its record tells it, to evaluate its points anew. Nothing is opened or sent
+
+
+def recorded_lab(run: Run) -> Lab:
+    """The bench of a run with the calibrations that it used.
+
+    Raises:
+        ConfigError: the package of a device, the sensor's design or a calibration is not known here.
+        RecordError: the run has not the header of a procedure on a bench.
+    """
+    header, where = header_of(run), str(run.folder)
+    bench = driven_bench(recorded_bench(header["bench"], f"{where}: its bench file"), WallClock(), ConsoleOperator())
+    for device in bench.devices:
+        if device.name not in header["devices"]:
+            bench.leave_out(device, UsageError("the run did not use it"))
+        else:
+            device.serial, device.simulated = header["devices"][device.name], run.simulated
+    indicator = bench.maybe(LoadIndicator)
+    with suppress(ConfigError):  # only a load cell's calibration tells what its indicator told then
+        kept = read_calibration(run.folder / KEPT, LoadCellCalibration)
+        if indicator is not None:
+            indicator.resolution_mV, indicator.gage_factor = kept.resolution_mV, kept.gage_factor
+    return lab_with(bench, Used.of(header, where), run.folder.name, run.started)
+
+
+def recorded_outcome(run: Run, lab: Lab) -> Outcome:
+    """What the result of a recorded run has in JSON; its time here is not known.
+
+    Raises ConfigError: its scene is wrong.
+    """
+    header, summary = run.header, run.summary
+    seconds: Any = summary.get("bench_seconds", math.nan)
+    found = outcome_of(lab, run.folder, scene_in(header, run.folder), mounting_in(header), header, seconds, math.nan)
+    promise: Any = {key: summary[key] for key in Promise.__annotations__ if key in summary}
+    kept = str(run.folder / KEPT)
+    return {
+        **found,
+        **promise,
+        "calibration_file": kept,
+        "film_calibration_file": kept,
+        "model_calibration_file": kept,
+        "certificate": str(run.folder / "certificate.md"),
+    }

@@ -30,9 +30,9 @@ def result_folder(out: Path | None, procedure: str, started: datetime) -> Iterat
     """
     import tempfile
 
+    from palpate.procedures.records.chain import is_run
     from palpate.procedures.records.record import new_run_folder
     from palpate.procedures.records.run import storing
-    from palpate.procedures.records.run_folder import is_run
 
     folder = store() if out is None else out
     check_path(folder)

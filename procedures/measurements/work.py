@@ -3,14 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 from functools import partial
+from typing import TYPE_CHECKING, Any
 
 from palpate.drivers.roles import LoadIndicator, SampleChanger
 from palpate.instrument.errors import DeviceError, PalpateError
 from palpate.instrument.sensor.sample import Sample, get_sample
-from palpate.procedures.engine.plan import Step
-from palpate.procedures.engine.procedure import Measurement, P
+from palpate.procedures.engine.plan import B, Step
+from palpate.procedures.engine.procedure import Measurement, P, Procedure, R, S
 from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.settings import Extrapolate
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_loads, preload_for
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure
@@ -18,6 +21,10 @@ from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.probe import check_zero, finish, press, withdraw
 from palpate.procedures.steps.servo import LoadServo, read_indicator
+
+if TYPE_CHECKING:
+    from palpate.drivers.clock import Clock
+
 
 # --- The bench work that all procedures with films under a dynamic load share --------------------------
 #
@@ -138,3 +145,50 @@ class StaticLoadWork:
     def end(self) -> None:
         """Move the probe home and check the load cell's zero. Raises BenchError: it has moved."""
         finish(self.bench, self.lab.calibration)
+
+
+# --- What all sweeps have in common --------------------------------------------------------------------
+#
+# A field of `Sweep` is a setting of each sweep: an option of its command, told in its help, kept in its record.
+# `SweepWork` reads it.
+
+
+@dataclass(frozen=True, kw_only=True)
+class Sweep(Procedure[S, P, R, B]):
+    """A sweep under a dynamic load. Its settings here are given by name."""
+
+    pausable = True
+
+    extrapolate: Extrapolate = False
+
+
+class SweepWork(DynamicLoadWork):
+    """The bench work of a sweep."""
+
+    def __init__(
+        self,
+        lab: Lab,
+        record: Recorder,
+        sweep: Sweep[Any, Any, Any, Any],
+        loads: Sequence[float],
+        frequency: float,
+        samples: Sequence[str],
+    ) -> None:
+        """Arguments and errors as of `DynamicLoadWork`."""
+        super().__init__(lab, record, loads, frequency, samples, sweep.extrapolate)
+
+
+class Laps:
+    """Bench time from point to point; a run that resumes adds up what its points took."""
+
+    def __init__(self, clock: Clock, timed: bool) -> None:
+        """Begin; `timed`: whether the run has a time to keep."""
+        self._clock = clock
+        self._began_ns = clock.now_ns() if timed else None
+
+    def seconds(self) -> float | None:
+        """Bench time since it was asked before, or since the beginning [s]; None: there is no time to keep."""
+        if self._began_ns is None:
+            return None
+        began_ns, self._began_ns = self._began_ns, self._clock.now_ns()
+        return 1e-9 * (self._began_ns - began_ns)

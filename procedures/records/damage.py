@@ -17,11 +17,18 @@ from typing import Any
 import numpy as np
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.chain import ChainFile, RecordFrame, check_holes, read_head
+from palpate.procedures.records.chain import (
+    HEAD_FILE,
+    RECORD,
+    ChainFile,
+    RecordFrame,
+    check_holes,
+    last_modified,
+    read_head,
+)
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import SIMULATED, WAVE, Record, whole_waveforms
 from palpate.procedures.records.run import Run, reading
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, last_modified
 
 
 @dataclass(slots=True)

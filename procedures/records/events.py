@@ -17,10 +17,9 @@ from pathlib import Path
 from typing import Any, Literal
 
 from palpate.drivers.clock import WallClock
-from palpate.procedures.records.chain import NOTHING, ChainFile, check_holes, read_head
+from palpate.procedures.records.chain import HEAD_FILE, NOTHING, RECORD, ChainFile, check_holes, is_written, read_head
 from palpate.procedures.records.record_file import EVENT, HEADER, POINT, STATUS, as_json, named
 from palpate.procedures.records.run import telling_damage
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_written
 
 Kind = Literal["begun", "planned", "step", "trace", "point", "incident", "paused", "resumed", "promise", "ended"]
 

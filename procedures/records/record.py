@@ -13,30 +13,95 @@ import errno
 import fcntl
 import os
 import re
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from datetime import UTC, datetime
 from pathlib import Path
 from types import TracebackType
 from typing import Literal, Self, TypeVar
 
+import numpy as np
+
 from palpate.instrument.durable import make_folder, numbered
-from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.errors import RangeError, RecordError, UsageError
 from palpate.instrument.own_process import Ends
-from palpate.procedures.records.chain import ChainWriter, Content, create
+from palpate.procedures.records.chain import HEAD_FILE, RECORD, ChainFile, ChainWriter, Content, create, is_run
 from palpate.procedures.records.events import Event, Kind, Listener, events_of, unheard
 from palpate.procedures.records.record_file import (
+    IN_A_FRAME,
     SIMULATED,
     WAVE,
     Waveforms,
+    as_samples,
     chain_of,
     event_frame,
     header_frame,
     point_frames,
     status_frame,
+    wave_frame,
+    waves,
 )
-from palpate.procedures.records.run import reading, storing
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD, is_run
-from palpate.procedures.records.stored_dwell import StoredDwell
+from palpate.procedures.records.run import reading, storing, telling_damage
+
+# --- A long dwell, whose samples are stored while it lasts, and are read again from the record piece by piece
+
+
+class StoredDwell:
+    """The samples of one dwell at a point that is not stored yet. If it is taken anew, that is another dwell.
+
+    Attributes:
+        point_id: the point.
+        number: number of the dwell at this point, from 1.
+        samples: number of samples of each waveform so far.
+    """
+
+    def __init__(self, folder: Path, point_id: int, number: int, store: Callable[[Sequence[Content]], int]) -> None:
+        """`store` puts frames into the record in a folder, and returns where they begin in its file."""
+        self.point_id, self.number, self.samples = point_id, number, 0
+        self._path, self._store = folder / RECORD, store
+        self._begins, self._waveforms = 0, 0
+
+    def add(self, waveforms: Mapping[str, tuple[float, np.ndarray]]) -> None:
+        """Store the next samples of all waveforms; they are durable on return.
+
+        Raises:
+            RangeError: as `Recorder.point`, or they are not as many of each, or too many for a row of the record.
+            RecordError: they cannot be stored.
+        """
+        named = {name: (rate, as_samples(name, rate, samples)) for name, (rate, samples) in waveforms.items()}
+        counts = {samples.size for _, samples in named.values()}
+        if len(counts) != 1 or max(counts) > IN_A_FRAME:
+            raise RangeError(f"a piece of a dwell has {counts} samples; give as many of each, {IN_A_FRAME} at most")
+        begins = self._store(
+            [
+                wave_frame(self.point_id, name, rate, samples, self.samples, self.number)
+                for name, (rate, samples) in named.items()
+            ]
+        )
+        if not self.samples:
+            self._begins, self._waveforms = begins, len(named)
+        self.samples += counts.pop()
+
+    def pieces(self) -> Iterator[tuple[int, dict[str, np.ndarray]]]:
+        """All samples again: of each piece the number of its first sample, from 0, and the samples by name.
+
+        Raises:
+            RecordError: they are not as they were written.
+        """
+        piece: dict[str, np.ndarray] = {}
+        first = 0
+        with telling_damage(self._path), ChainFile(self._path) as file:
+            frames = waves(file, self._begins)
+            while first < self.samples:
+                wave = next(frames, None)
+                if wave is None:
+                    raise ValueError(f"samples of point {self.point_id} are missing from number {first + 1} on")
+                piece[wave.name] = wave.samples
+                if len(piece) == self._waveforms:
+                    yield first, piece
+                    first, piece = first + wave.samples.size, {}
+
+
+# --- the procedure -------------------------------------------------------------------------------------
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 PAUSED = "paused"  # kind of the event that a pause begins with

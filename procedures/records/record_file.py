@@ -29,8 +29,16 @@ import numpy as np
 
 from palpate.instrument.errors import RangeError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import LARGEST_ROW, ChainFile, Content, HashChain, Head, RecordFrame
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
+from palpate.procedures.records.chain import (
+    HEAD_FILE,
+    LARGEST_ROW,
+    RECORD,
+    ChainFile,
+    Content,
+    HashChain,
+    Head,
+    RecordFrame,
+)
 
 FORMAT = 4
 HEADER, WAVE, POINT, EVENT, STATUS = b"HEAD", b"WAVE", b"POIN", b"EVNT", b"STAT"

@@ -27,7 +27,7 @@ from palpate.instrument.bench.comparison import compared
 from palpate.instrument.bench.description import BenchDescription, recorded_bench
 from palpate.instrument.errors import ConfigError, RecordError, UsageError, quoted
 from palpate.instrument.refusals import wrong
-from palpate.procedures.records.chain import ChainFile, Content
+from palpate.procedures.records.chain import RECORD, ChainFile, Content
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.events import Listener, begun, unheard
 from palpate.procedures.records.record import MEASURED, PAUSED, Recorder
@@ -43,7 +43,6 @@ from palpate.procedures.records.record_file import (
     waves,
 )
 from palpate.procedures.records.run import Run, reading, telling_damage
-from palpate.procedures.records.run_folder import RECORD
 
 COMPARED = ("settings", "scene", "bench", "devices", "contracts", "calibration", "film_calibration", "versions")
 CONTINUED, CHANGED, UNSTORED = "continued", "changed", "unstored"

@@ -13,7 +13,7 @@ from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.listeners import steps
 from palpate.procedures.lab.chosen import choose
@@ -22,19 +22,15 @@ from palpate.procedures.lab.open import opened
 from palpate.procedures.lab.session import Session, recording
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import SweepResult
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
+from palpate.procedures.measurements.loads import LoadSweep, SweepResult
+from palpate.procedures.measurements.modulus import ModulusTest
 from palpate.procedures.records.events import Listener, unheard
-from palpate.procedures.reproduce import models
-from palpate.procedures.reproduce.chapter5 import bench_tables, blind, experiments, percent
-from palpate.procedures.reproduce.chapter5.columns import RATIO
-from palpate.procedures.reproduce.chapter5.traces import read_traces
-from palpate.procedures.reproduce.figures.appendix3 import draw_bridge
-from palpate.procedures.reproduce.figures.chapter5 import BenchMeasurements, pictures
-from palpate.procedures.reproduce.judging.criterion import write_classes
-from palpate.procedures.reproduce.judging.rows import RowTable, write_slips
+from palpate.procedures.reproduce import chapter5, models
+from palpate.procedures.reproduce.chapter5 import RATIO, read_traces
+from palpate.procedures.reproduce.criterion import write_classes
+from palpate.procedures.reproduce.figures import BenchMeasurements, bench_pictures, draw_bridge
 from palpate.procedures.reproduce.page import Everything, write_page
+from palpate.procedures.reproduce.rows import RowTable, write_slips
 
 PROCEDURE = "reproduce"
 SECONDS = 18.0  # s of processor time that `run` takes [M]
@@ -87,7 +83,7 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
         tables.extend((table, table.write(folder)) for table in found)
 
     sweeps = {}
-    for arrangement in experiments.ARRANGEMENTS:
+    for arrangement in chapter5.ARRANGEMENTS:
         with open_bench(arrangement.scene, LoadSweep.name) as session:
             swept = _swept(session, arrangement.design, arrangement.loads)
             assert session.model is not None  # of a scene
@@ -95,32 +91,32 @@ def run(done: Everything, seed: int | None, progress: Progress) -> None:
         traces = read_traces(session.record.folder, get_design(arrangement.design), FREQUENCY)
         sweeps[arrangement.design] = swept
         done.order_evidence[arrangement.design] = of_experiment(RATIO, ratio)
-        done.orders[arrangement.design] = experiments.order_is_right(swept, get_design(arrangement.design))
-        add(experiments.compare(arrangement, swept, traces, ratio))
+        done.orders[arrangement.design] = chapter5.order_is_right(swept, get_design(arrangement.design))
+        add(chapter5.compare_experiment(arrangement, swept, traces, ratio))
     blind_sweeps = {}
-    for parameters in blind.SETS:
-        for arrangement in experiments.ARRANGEMENTS:
-            with open_bench(arrangement.scene, LoadSweep.name, blind.MODEL, parameters) as session:
-                swept = _swept(session, arrangement.design, blind.loads_of(arrangement))
+    for parameters in chapter5.BLIND_SETS:
+        for arrangement in chapter5.ARRANGEMENTS:
+            with open_bench(arrangement.scene, LoadSweep.name, chapter5.BLIND_MODEL, parameters) as session:
+                swept = _swept(session, arrangement.design, chapter5.loads_of(arrangement))
             blind_sweeps[arrangement.design, parameters] = swept
-            table, distance = blind.compare(arrangement, parameters, swept)
+            table, distance = chapter5.compare_blind(arrangement, parameters, swept)
             done.blind.append(distance)
             add([table])
     with open_bench("thesis_single", LoadCellSeries.name) as session:
         weighed = conduct(LoadCellSeries(), _lab(session, "single"), session.record)
-    add([bench_tables.calibration(weighed)])
+    add([chapter5.calibration_rows(weighed)])
     tested = {}
     for sample, number in COMPRESSION_TABLES.items():
         with open_bench("thesis_single", ModulusTest.name) as session:
             test = ModulusTest(sample, STRAIN, STEPS)
             tested[sample] = conduct(test, _lab(session, "single"), session.record)
-        add([bench_tables.compression(number, sample, tested[sample])])
-    add([bench_tables.catalogue(tested)])
+        add([chapter5.compression_rows(number, sample, tested[sample])])
+    add([chapter5.catalogue_rows(tested)])
     curves = models.run(models.SETS, done.models, progress)
-    add(percent.of_bench(found, sweeps) for found, _ in done.models.tables if found.table.number == "5.8")
-    add([percent.definitions()])
+    add(chapter5.percent_of_bench(found, sweeps) for found, _ in done.models.tables if found.table.number == "5.8")
+    add([chapter5.percent_definitions()])
     measured = BenchMeasurements(sweeps, done.order_evidence, blind_sweeps, tested)
-    done.models.pictures += [*pictures(measured, models.SETS, curves, folder), draw_bridge(folder)]
+    done.models.pictures += [*bench_pictures(measured, models.SETS, curves, folder), draw_bridge(folder)]
     write_slips(folder)
     write_classes(done.verdicts(), folder)
     done.page = write_page(done, folder)

@@ -19,9 +19,9 @@ import numpy as np
 from palpate.instrument.bench.beside import Beside
 from palpate.instrument.durable import numbered
 from palpate.instrument.errors import UsageError
+from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.run import Run, storing
-from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:

@@ -5,7 +5,7 @@ from __future__ import annotations
 from palpate.instrument.quantity import counted
 from palpate.procedures.console.terminal import Spoken, console
 from palpate.procedures.engine.plan import Plan, S, Step
-from palpate.procedures.engine.promise import RELATIVE, expected_of
+from palpate.procedures.engine.procedure import RELATIVE, expected_of
 from palpate.procedures.showing.text import new_table, number, print_all
 
 OWN = tuple(Step(None, 0.0, None).summary())

@@ -14,8 +14,7 @@ from palpate.procedures.showing.text import number, stamped
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from palpate.procedures.engine.procedure import Report
-    from palpate.procedures.engine.result import Result
+    from palpate.procedures.engine.procedure import Report, Result
     from palpate.procedures.lab.session import Outcome
 
 

@@ -14,7 +14,7 @@ from typing import Any
 from palpate.instrument.durable import numbered, put_whole
 from palpate.instrument.errors import PalpateError, UsageError
 from palpate.instrument.quantity import show, show_with_u
-from palpate.procedures.console.drawing import load_matplotlib
+from palpate.procedures.console.terminal import load_matplotlib
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.engine.difference import (
     BY_CHANCE,
@@ -27,10 +27,9 @@ from palpate.procedures.engine.difference import (
     compared_points,
     differences,
 )
-from palpate.procedures.engine.limits import LimitsFile, number_columns
-from palpate.procedures.engine.recorded import RecordedResult, result_of
+from palpate.procedures.engine.replay import RecordedResult, result_of
 from palpate.procedures.engine.settings import asked_of, shown
-from palpate.procedures.engine.verdict import Judgement, judge
+from palpate.procedures.engine.verdict import Judgement, LimitsFile, judge, number_columns
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.run import Run, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets

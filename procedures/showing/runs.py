@@ -23,8 +23,7 @@ if TYPE_CHECKING:  # the list of runs needs no record to be read
     from rich.table import Table
 
     from palpate.procedures.records.damage import DamageReport, Repaired
-    from palpate.procedures.records.run import Run
-    from palpate.procedures.records.run_list import RunSummary
+    from palpate.procedures.records.run import Run, RunSummary
 
 TIME = "%Y-%m-%d %H:%M:%S"
 

@@ -22,8 +22,8 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
 from palpate.instrument.signals.long_fit import joined
 from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.procedures.records.record import StoredDwell
 from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
-from palpate.procedures.records.stored_dwell import StoredDwell
 
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench

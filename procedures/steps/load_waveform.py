@@ -10,7 +10,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit
-from palpate.procedures.steps.agreement import loads_differ
+from palpate.procedures.steps.film_point import loads_differ
 from palpate.procedures.steps.films import FilmRecord, LongFilmRecord
 
 LOAD_N, LOAD_U = "load_waveform_N", "load_waveform_u"

@@ -7,7 +7,8 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, NoReturn
 
-from palpate.drivers.roles import Exciter, LoadIndicator, is_difference, made_u, why_invalid
+from palpate.drivers.devices.exciter import Exciter
+from palpate.drivers.roles import LoadIndicator, is_difference, made_u, why_invalid
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
 from palpate.instrument.quantity import show

@@ -14,7 +14,7 @@ from canopen.sdo.exceptions import SdoAbortedError
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.canopen_device import CanopenDevice
-from palpate.instrument.contracts.contract import Field
+from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
 from palpate.procedures.testing.conformance import (
     Conformance,

@@ -5,16 +5,29 @@ from __future__ import annotations
 import functools
 import math
 from collections.abc import Iterator, Sequence
+from pathlib import Path
 from typing import Any, ClassVar, TypeVar
 
+import can
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.canopen_device import CanopenDevice
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.contracts.contract import Contract, Field, Value
+from palpate.instrument.config import read_data
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import Field, Value
+from palpate.instrument.errors import BenchError
+from palpate.procedures.testing.wire import Wire, transfers
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.faults import FAULTS, fault_class
+from palpate.simulators.faults.fault import places, struck
+from palpate.simulators.planning.settle import read_scene, with_faults
 from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.wire.canopen_device import SimulatedNode
+from palpate.simulators.wire.device import SimulatedDevice
 
 # --- Test values of a contract's field: at its limits, between them, and just beyond them --------------
 
@@ -132,3 +145,117 @@ class Conformance:
     @pytest.fixture
     def simulated(self, bench: Bench, sim: SimulatedBench) -> Any:
         return self.ends(bench, sim)[1]
+
+
+# --- Tests driver and simulator against golden frames, which were written by hand from the device's manual
+
+
+class GoldenFrames:
+    """Added to a Modbus conformance suite: each register must travel as in the golden frames.
+
+    A scale, sign or width that is wrong in the contract is wrong in driver and simulator, and passes every other test.
+
+    Attributes:
+        golden: a TOML file with a frame for each field of the contract.
+    """
+
+    golden: ClassVar[Path]
+
+    def test_every_register_travels_as_its_golden_frame(
+        self, device: ModbusDevice, simulated: SimulatedDevice, wire: Wire, monkeypatch: pytest.MonkeyPatch
+    ) -> None:
+        fields: dict[str, Any] = read_data(self.golden)["fields"]
+        assert set(fields) == {field.name for field in device.contract.fields}
+        for name, golden in fields.items():
+            field, value = device.contract[name], golden["value"]
+            if field.bits:
+                value = sum(1 << field.bits[bit] for bit in value)
+            if "write" in golden:
+                device.set(**{name: value})
+                assert wire.requests[-1] == bytes.fromhex(golden["write"]), name
+            else:
+                with monkeypatch.context() as patch:
+                    patch.setattr(simulated, "read", {name: value}.__getitem__)
+                    patch.setattr(device, "_last_count", 0)  # so that the driver reads this register alone
+                    assert device.get(name) == value
+                frames = (wire.requests[-1], wire.replies[-1])
+                assert frames == (bytes.fromhex(golden["request"]), bytes.fromhex(golden["response"])), name
+
+
+class CanopenGoldenFrames:
+    """Added to the CANopen conformance suite: each object must travel in the SDO frames that stand in `golden`."""
+
+    golden: ClassVar[Path]
+
+    def test_every_object_travels_as_its_golden_frames(
+        self,
+        node: CanopenDevice,
+        simulated: SimulatedNode,
+        listener: can.BusABC,
+        monkeypatch: pytest.MonkeyPatch,
+    ) -> None:
+        fields: dict[str, Any] = read_data(self.golden)["fields"]
+        assert set(fields) == {field.name for field in node.contract.fields}
+        for name, golden in fields.items():
+            field, value = node.contract[name], golden.get("value")
+            if "text" in golden:
+                assert node._text(field.address) == golden["text"]
+                requests, answers = transfers(listener, node.id)  # what is read twice travels alike
+                assert requests[: len(golden["requests"])] == _frames(golden["requests"])
+                assert answers[: len(golden["responses"])] == _frames(golden["responses"])
+            elif "write" in golden:
+                node.set(name, value)
+                assert transfers(listener, node.id)[0] == _frames([golden["write"]]), name
+            else:
+                number = sum(1 << field.bits[bit] for bit in value) if field.bits else value
+                raw = round(number / field.scale)
+                with monkeypatch.context() as patch:
+                    patch.setattr(simulated, "read", lambda _field, raw=raw: raw)
+                    assert node.get(name) == number
+                assert transfers(listener, node.id) == (_frames([golden["request"]]), _frames([golden["response"]])), (
+                    name
+                )
+
+
+def _frames(texts: list[str]) -> list[bytes]:
+    return [bytes.fromhex(text) for text in texts]
+
+
+# --- Tests that a device kind of an installed package must pass on a bench with the usual devices ------
+
+STRIKES = 4  # number of the request that a fault strikes; the first ones identify the device
+LONG = 10.0  # s, in which a node sends more heartbeats than that
+
+
+class OnTheBench:
+    """A bench file finds the device, and each fault that can strike it causes at most an error that names it."""
+
+    kind: ClassVar[str]
+
+    def test_a_bench_file_finds_it(self, tmp_path: Path) -> None:
+        file = tmp_path / "bench.toml"
+        with SimulatedBench(guest_scene(self.kind)) as sim:
+            file.write_text(sim.description.patient().to_toml(), encoding="utf-8")
+            with Bench(read_bench(file), sim.clock, sim.operator) as bench:
+                assert bench.device(NAME).serial
+                assert bench.simulated
+
+    def test_what_can_go_wrong_with_it_is_noticed_and_named(self, monkeypatch: pytest.MonkeyPatch) -> None:
+        from palpate.simulators.faults import inject
+
+        monkeypatch.setattr(inject, "TIMEOUT", "0.3 s")
+        scene = guest_scene(self.kind)
+        standing = [place for place in places(0, scene.devices) if place.name == NAME]
+        kinds = [kind for kind in FAULTS if kind != "front_panel" and struck(fault_class(kind).targets, standing)]
+        assert kinds, f"no fault can strike a {self.kind}"
+        for kind in kinds:
+            faulty = with_faults(scene, [{"kind": kind, "on": NAME, "transaction": STRIKES}])
+            with SimulatedBench(faulty) as sim:
+                try:
+                    with Bench(sim.description, sim.clock, sim.operator) as bench:
+                        bench.clock.wait(LONG)
+                        for _ in range(2 * STRIKES):
+                            bench.device(NAME).get("probe")
+                except BenchError as error:
+                    assert device_kind(self.kind).contract.title in str(error), kind
+                assert sim.injection.given[0].summary().endswith("once"), kind

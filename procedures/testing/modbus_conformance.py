@@ -12,7 +12,8 @@ from pymodbus.exceptions import ModbusIOException
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.instrument.contracts.contract import PROBE, Identity
+from palpate.instrument.contracts.declaration import Identity
+from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import DeviceError, IdentityError, LinkTimeout, RangeError
 from palpate.procedures.testing.conformance import (
     Conformance,

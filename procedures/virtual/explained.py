@@ -4,30 +4,34 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
+from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.errors import ConfigError, EstimateError
+from palpate.instrument.quantity import show
+from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.procedures.console.terminal import console
-from palpate.procedures.showing.text import print_all
+from palpate.procedures.lab.store import store
+from palpate.procedures.showing.figure import new_figure, picture_file, write
+from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 from palpate.simulators.effects import GROUP, effect_names
-from palpate.simulators.planning.plan import AnswerPlan, plan
-from palpate.simulators.planning.plan import Question as Question
+from palpate.simulators.linear.lti import Floats
+from palpate.simulators.planning.plan import AnswerPlan, Question, SteadyState, plan
 from palpate.simulators.planning.prices import PRICE, PRICE_OF, PriceLine, Progress
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.waveforms import waveforms
-from palpate.simulators.planning.weights import DRAWS, Weight, priced, weigh
+from palpate.simulators.planning.waveforms import Waveforms, waveforms
+from palpate.simulators.planning.weights import DRAWS, Subset, Weight, front, nested, priced, weigh
 from palpate.simulators.scenes.heads import SceneHead, head_of
 from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from rich.table import Table
-
-    from palpate.simulators.planning.plan import SteadyState
 
 
 # --- The names of the effects that a scene can call for ------------------------------------------------
 
-__all__ = ["GROUP", "effect_names"]
+__all__ = ["GROUP", "Question", "effect_names"]
 
 
 # --- Shows all parameters of one, and checks whether it can be simulated -------------
@@ -232,3 +236,202 @@ def _table(columns: Sequence[str], rows: Sequence[Sequence[str]]) -> Table:
 
 def _marked(bound: float, mark: float) -> str:
     return f"{bound:.1e}{' *' if bound > mark else ''}"
+
+
+# --- What the effects of a scene are worth: with ever fewer of them, what changes and what time is saved
+
+PLOT = "scene.png"
+
+
+@dataclass(frozen=True, slots=True)
+class SceneFront:
+    """The subsets of a scene's effects than which no other that was tried is both nearer to the scene and quicker.
+
+    Attributes:
+        scene: name of the scene.
+        question: sample, load, frequency and dwell for which all was measured.
+        weights: what each of the scene's effects changes and costs by itself.
+        tried: the subsets that were tried, from all effects to none.
+    """
+
+    scene: str
+    question: Question
+    weights: tuple[Weight, ...]
+    tried: tuple[Subset, ...]
+
+    @classmethod
+    def of(cls, name: str, question: Question, progress: Progress) -> Self:
+        """Measure a scene by its name or file.
+
+        Raises:
+            ConfigError, UnknownName: the scene is wrong.
+            EstimateError: the films of the scene give no force ratio.
+        """
+        scene = read_scene(name)
+        weights = weigh(scene, question, progress=progress)
+        return cls(scene.name, question, tuple(weights), tuple(nested(scene, question, weights, progress)))
+
+    @property
+    def front(self) -> list[Subset]:
+        """The best of the tried subsets, from the nearest to the scene on."""
+        return front(self.tried, self.question.dwell)
+
+    def summary(self) -> dict[str, Any]:
+        """For JSON."""
+        best = self.front
+        return {
+            "simulated": True,
+            "scene": self.scene,
+            "sample": self.question.sample,
+            "load_N": self.question.load,
+            "frequency_Hz": self.question.frequency,
+            "dwell_s": self.question.dwell,
+            "effects": [asdict(each) for each in self.weights],
+            "subsets": [{**asdict(each), "change": each.change, "front": each in best} for each in self.tried],
+        }
+
+
+def print_front(found: SceneFront, plot: str | None) -> None:
+    """Print a line for each subset, with what was left out since the line before."""
+    title = f"scene {found.scene}, sample {found.question.sample}: fewer effects, less time"
+    table = new_table(
+        stamped(True, title), "left out, also", "effects left", "force changes", "ratio changes", *PRICE, "on the front"
+    )
+    best, count, before = found.front, len(found.weights), set[str]()
+    for each in found.tried:
+        more = ", ".join(name for name in each.without if name not in before) or "nothing"
+        table.add_row(
+            more, str(count - len(each.without)), f"{each.force:.1e}", f"{each.ratio:.1e}", *each.price.told(),
+            "yes" if each in best else "",
+        )  # fmt: skip
+        before = set(each.without)
+    stay = ", ".join(each.name for each in found.weights if each.change is None)
+    print_all(
+        table,
+        f"changes: root mean square of {DRAWS} draws, against the whole scene with the same noise",
+        f"processor time: {PRICE_OF}",
+        f"on the front: for {found.question.dwell:g} s of bench",
+        *([f"always simulated, since the films do not show what they change: {stay}"] if stay else []),
+        *([] if plot is None else [f"plot           {plot}"]),
+    )
+
+
+def plot_front(found: SceneFront, file: Path) -> None:
+    """Draw into a file: a row for each subset, with its changes on the left and its time on the right.
+
+    Raises RecordError: the file cannot be written.
+    """
+    title = f"scene {found.scene}, sample {found.question.sample}: one effect after the other left out"
+    figure, (left, right) = new_figure(True, 2, title)
+    rows = range(len(found.tried))
+    changes = [change for each in found.tried for change in (each.force, each.ratio) if change > 0]
+    none = min(changes, default=1e-6) / 10  # a logarithmic axis has no place for 0
+    for quantity, style in (("ratio", "C0o"), ("force", "C1s")):
+        sizes = [getattr(each, quantity) for each in found.tried]
+        left.plot([size or none for size in sizes], rows, style, ms=5, label=quantity)
+    left.axvline(none, color="0.5", ls=":", lw=1)
+    left.annotate("no change", (none, 0), xytext=(3, -3), textcoords="offset points", fontsize=7, va="top")
+    left.set(xscale="log", xlabel="relative change against the whole scene")
+    left.legend(fontsize=8)
+    dwell = found.question.dwell
+    right.barh(rows, [1e3 * each.price.seconds(dwell) for each in found.tried], height=0.6, color="0.6")
+    right.set(xlabel=f"processor time of {dwell:g} s of bench (ms)")
+    left.set_yticks(rows, ["all effects", *(f"- {each.without[-1]}" for each in found.tried[1:])], fontsize=8)
+    right.set_yticks(rows, [""] * len(found.tried))
+    for axes in (left, right):
+        axes.set_ylim(len(found.tried) - 0.4, -0.6)
+    write(figure, file)
+
+
+# --- Computes and draws the waveforms at each stage of a scene, from the shaker's coil to the samples --
+
+# --- waveforms of a scene ------------------------------------------------------------------------------
+
+PLACES = ("under the tooth", "under the base")
+SEVERAL = ("under the teeth", "under the base")
+
+
+def plot(scene: str, question: Question, periods: int, out: Path | None) -> dict[str, Any]:
+    """Draw a scene's waveforms into a file; returns what JSON says about the picture.
+
+    Args:
+        scene: name or file of the scene.
+        question: the measurement to simulate.
+        periods: number of periods of the drive to draw.
+        out: the file; None: a new file in the store.
+
+    Raises:
+        UsageError, RecordError: the file cannot be written.
+        ConfigError, UnknownName: the scene is wrong.
+    """
+    chosen = read_scene(scene)
+    file = picture_file("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
+    load, frequency = show(question.load, "N"), show(question.frequency, "Hz")
+    title = f"scene {chosen.name}: sample {question.sample}, {load} peak to peak at {frequency}"
+    draw(chosen.design, waveforms(chosen, question, periods), title, file)
+    return {"scene": chosen.name, "sample": question.sample, "load_N": question.load, "file": str(file)}
+
+
+def draw(design: Design, seen: Waveforms, title: str, file: Path) -> None:
+    """Draw waveforms into a file: first the drive, then the films stage by stage; teeth left, bases right.
+
+    Raises:
+        RecordError: the file cannot be written.
+    """
+    from matplotlib.figure import Figure
+
+    figure = Figure(figsize=(11, 9.5), layout="constrained")
+    figure.suptitle(f"{STAMP} {title}")
+    grid = figure.subplots(4, 2, sharex=True)
+    milliseconds = 1e3 * seen.time
+    drive = ((seen.coil, "shaker's coil", "voltage (V)"), (seen.force, "load cell", "force (N)"))
+    for axes, (values, what, quantity) in zip(grid[0], drive, strict=True):
+        axes.plot(milliseconds, values, "k", lw=1.2)
+        axes.set_title(what, fontsize=10)
+        axes.set_ylabel(quantity)
+    if seen.load is not None:
+        grid[0, 1].set_title("load cell, and samples of its output", fontsize=10)
+        output = grid[0, 1].twinx()
+        output.plot(1e3 * seen.sample_time, 1e3 * seen.load, ".", ms=4)
+        output.set_ylabel("output (mV)", color="C0")
+    places = PLACES if len(design.teeth) == 1 else SEVERAL
+    for column, (kind, place) in enumerate(zip(FILM_KINDS, places, strict=True)):
+        films = [(number, film) for number, film in enumerate(design.films) if film.kind == kind]
+        before, behind, sampled = grid[1:, column]
+        _draw_films(before, films, milliseconds, seen.before, f"films {place}, before their amplifiers")
+        _draw_films(behind, films, milliseconds, seen.films, f"films {place}, behind their amplifiers")
+        _draw_samples(sampled, films, seen, f"samples of the films {place}")
+    for axes in grid.flat:
+        axes.grid(alpha=0.3)
+        axes.margins(x=0)
+        axes.ticklabel_format(axis="y", useOffset=False)
+    write(figure, file)
+
+
+def _draw_films(axes: Axes, films: Sequence[tuple[int, Film]], milliseconds: Floats, volts: Floats, title: str) -> None:
+    for place, (number, film) in enumerate(films):
+        axes.plot(milliseconds, 1e3 * volts[number], lw=1.2, color=_colour(place, len(films)), label=film.name)
+    axes.set_title(title, fontsize=10)
+    axes.set_ylabel("voltage (mV)")
+
+
+def _draw_samples(axes: Axes, films: Sequence[tuple[int, Film]], seen: Waveforms, title: str) -> None:
+    time = 1e3 * seen.sample_time
+    saturated = "saturated"
+    for place, (number, film) in enumerate(films):
+        volts, cut = 1e3 * seen.samples[number], seen.saturated[number]
+        axes.plot(time, volts, ".-", ms=4, lw=0.5, color=_colour(place, len(films)), label=film.name)
+        if cut.any():
+            axes.plot(time[cut], volts[cut], "rx", ms=7, label=saturated)
+            saturated = "_"  # hides all but the first from the legend
+    axes.set_title(title, fontsize=10)
+    axes.set_ylabel("voltage (mV)")
+    axes.set_xlabel("time (ms)")
+    # one legend below the column, because its panels share their colours
+    axes.legend(fontsize=8, ncols=6, loc="upper center", bbox_to_anchor=(0.5, -0.25), frameon=False)
+
+
+def _colour(place: int, count: int) -> Any:
+    from matplotlib import colormaps
+
+    return f"C{place}" if count <= 10 else colormaps["viridis"](place / (count - 1))

@@ -6,9 +6,8 @@ from collections.abc import Iterable
 from dataclasses import replace
 
 from palpate.instrument.models.price_list import stored
-from palpate.procedures.accuracy import arithmetic
-from palpate.procedures.accuracy.numerics import Task, Way, of_estimators, of_models
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.accuracy.numerics import Task, Way, arithmetic_tasks, of_estimators, of_models
+from palpate.procedures.console.terminal import Progress
 from palpate.simulators.linear import bouc_wen, integrators
 from palpate.simulators.linear.integrators import IntegratorError
 from palpate.simulators.planning.plan import Question
@@ -45,4 +44,4 @@ def collect(design: str, progress: Progress) -> list[Task]:
     where = f"scene {SCENE}, one load set"
     tasks.insert(1, of_estimators(record.time, record.voltage, record.ratio, question.frequency, where))
     progress(0, 0, "arithmetic")
-    return [*tasks, *arithmetic.tasks()]
+    return [*tasks, *arithmetic_tasks()]

@@ -3,8 +3,14 @@
 from __future__ import annotations
 
 import hashlib
+import multiprocessing
+import os
+import signal
 import tempfile
+import threading
 from collections.abc import Iterator, Mapping, Sequence
+from concurrent.futures import Executor, ProcessPoolExecutor, ThreadPoolExecutor
+from contextlib import contextmanager
 from dataclasses import asdict, dataclass, field, replace
 from functools import lru_cache, partial
 from pathlib import Path
@@ -14,6 +20,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.bench import Bench
+from palpate.instrument.additions import library
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
@@ -21,18 +28,18 @@ from palpate.instrument.findings.film_forces import film_forces, stacked_forces
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine, fit_sines
+from palpate.procedures.console.terminal import say
 from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.about import packages_of
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.lab.software import packages_of
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.steps.checks import check_frequency
 from palpate.procedures.steps.film_point import is_mostly_noise, is_short
 from palpate.procedures.steps.flags import CLIPPED, SHORT, USED
-from palpate.procedures.study.block import FEW_CELLS, BlockBuilder, CellBlock, Column
 from palpate.procedures.study.description import CLOSED_FORM, DEFAULTS, EFFECTS, Span, Study, Value
-from palpate.procedures.study.run import attempt, reason_of
+from palpate.procedures.study.run import FEW_CELLS, BlockBuilder, CellBlock, Column, attempt, reason_of
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class
 from palpate.simulators.planning.seeds import SeedArray, seed_bound
@@ -293,3 +300,53 @@ def _check_parameter(name: str, where: str) -> None:
             raise UnknownName(f"parameter of the effect {effect}", ".".join(parameter), parameters)
     except UnknownName as error:
         raise ConfigError(f"{where}: axes.{name}: {error}") from None
+
+
+# --- Executors that compute the cells of a study: processes on this machine, or a dask cluster ---------
+
+
+@contextmanager
+def executor_of(workers: int | None, dask: str | None) -> Iterator[tuple[Executor, int]]:
+    """An executor, and the number of its workers.
+
+    Args:
+        workers: number of processes; None: one for each core. Where there can be none, a thread computes the cells.
+        dask: address of a dask scheduler to use instead of processes; None: processes.
+
+    Raises:
+        UsageError: dask.distributed is not installed.
+        OSError: no scheduler answers.
+    """
+    if dask is not None:
+        with library("distributed", "dask").Client(dask) as client:
+            yield client.get_executor(), max(1, sum(client.ncores().values()))
+        return
+    os.environ["OMP_NUM_THREADS"] = "1"  # one core for each worker, and a fixed order of summation
+    count = len(os.sched_getaffinity(0)) if workers is None else workers
+    context = multiprocessing.get_context("forkserver")
+    context.set_forkserver_preload(["palpate.procedures.virtual.study_cell"])  # imported once for all workers
+    executor: Executor
+    try:
+        executor = ProcessPoolExecutor(count, context, _begin_worker)
+    except (OSError, ImportError, NotImplementedError) as error:  # without semaphores
+        say(
+            f"palpate: note: cells are computed one by one, because processes cannot work together here ({error}); "
+            "make /dev/shm writable: mount -t tmpfs tmpfs /dev/shm",
+            err=True,
+        )
+        executor, count = ThreadPoolExecutor(1), 1
+    with executor:
+        yield executor, count
+
+
+def _begin_worker() -> None:
+    """Ignore Ctrl-C, which the parent process handles; and end with the parent, which may be killed without notice."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate.instrument.bench.can_block import Block
 from palpate.instrument.bench.links import MULTICAST, leave
-from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.contracts.field import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.linear.lti import Floats

@@ -11,7 +11,7 @@ import numpy.typing as npt
 
 from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts import strain_indicator
-from palpate.instrument.contracts.contract import Command
+from palpate.instrument.contracts.declaration import Command
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.rig.rig import Rig, RigLoadCell

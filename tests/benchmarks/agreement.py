@@ -15,7 +15,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.steps.agreement import forces_differ, frequencies_differ
+from palpate.procedures.steps.film_point import forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord, Films
 from palpate.procedures.steps.servo import READINGS
 from palpate.simulators.effects.pink_noise import PinkNoise

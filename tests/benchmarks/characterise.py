@@ -16,7 +16,7 @@ from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.characterise.result import HOLDING, LOADING, UNLOADING, FilmsPoint, evaluate
+from palpate.procedures.measurements.characterise.report import HOLDING, LOADING, UNLOADING, FilmsPoint, evaluate
 from palpate.procedures.measurements.prospects import reading_u
 from tests.benchmarks.repeats import TRUTHS, held, timed
 from tests.benchmarks.row import Row

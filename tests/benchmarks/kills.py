@@ -15,9 +15,9 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from palpate.instrument.errors import RecordError
+from palpate.procedures.records.chain import RECORD
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import RECORD
 from tests.benchmarks.row import Row
 from tests.kills import Commands
 

@@ -27,13 +27,16 @@ from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.logs.pcapng import Link, read_pcapng
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
 from palpate.instrument.contracts import sensor_node
-from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import BenchError
-from palpate.procedures.virtual.served_bench import Served, Wish, serving
+from palpate.procedures.live.server import serving
+from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.device import SimulatedDevice
 from tests.benchmarks.row import Row
+from tests.procedures.live import Served
 
 NODE = 1
 MASTER = Path(__file__).with_name("canopen_master.js")

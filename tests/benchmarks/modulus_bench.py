@@ -27,10 +27,10 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
-from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, mounts_again
 from palpate.procedures.measurements.object_modulus.planning import END, costs_of, most_sets
-from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.softness.procedure import unknown_object
+from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus, mounts_again
+from palpate.procedures.measurements.object_modulus.report import ModulusPoint, ObjectModulusAnswer
+from palpate.procedures.measurements.softness import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class, in_order

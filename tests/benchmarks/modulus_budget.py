@@ -26,8 +26,8 @@ import numpy as np
 from palpate.instrument.errors import EstimateError, PalpateError
 from palpate.instrument.findings import object_modulus
 from palpate.instrument.models.curve import RatioCurve
-from palpate.procedures.measurements.object_modulus import course
 from palpate.procedures.measurements.object_modulus import planning as lines
+from palpate.procedures.measurements.object_modulus import procedure as course
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
 from palpate.simulators.effects.curve_error import CurveError
 from tests.benchmarks.lines import read

@@ -15,7 +15,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from tests.benchmarks.modulus_bench import Truth

@@ -35,9 +35,10 @@ from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.contracts import positioner, sample_changer, strain_indicator
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.live.server import serving
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.served_bench import Wish, serving
+from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from tests.benchmarks.row import Row
 from tests.drivers.benches import new_form

@@ -9,8 +9,7 @@ import numpy as np
 
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.measurements.softness.ranking import Ranking
-from palpate.procedures.measurements.softness.result import SoftnessPoint
+from palpate.procedures.measurements.softness import Ranking, SoftnessPoint
 from tests.benchmarks.row import Row
 
 RUNS = 500

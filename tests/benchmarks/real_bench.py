@@ -17,8 +17,7 @@ from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import LoadPoint
+from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

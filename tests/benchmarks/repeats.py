@@ -17,14 +17,11 @@ from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
-from palpate.procedures.measurements.films.procedure import FilmRepeats
-from palpate.procedures.measurements.films.result import PressedPoint
+from palpate.procedures.measurements.films import FilmRepeats, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LOADS as CELL_LOADS
-from palpate.procedures.measurements.load_cell.result import REPEATS
-from palpate.procedures.measurements.loads.procedure import Repeats
-from palpate.procedures.measurements.position.expected import share_noise
-from palpate.procedures.measurements.position.repeats import PlaceRepeats
-from palpate.procedures.measurements.position.result import PositionPoint
+from palpate.procedures.measurements.load_cell.report import REPEATS
+from palpate.procedures.measurements.loads import Repeats
+from palpate.procedures.measurements.position import PlaceRepeats, PositionPoint, share_noise
 from palpate.procedures.measurements.prospects import DISPLAY_NOISE
 from tests.benchmarks.row import Row
 

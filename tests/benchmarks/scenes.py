@@ -22,7 +22,7 @@ from palpate.instrument.contracts.sensor_node import CHANNELS
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock

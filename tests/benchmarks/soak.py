@@ -22,8 +22,7 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import LoadSweep, SweepResult
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import preload_for
 from palpate.procedures.steps.films import Films

@@ -16,8 +16,7 @@ from palpate.instrument.config import parse
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.study.results import read_results
 from palpate.procedures.study.run import Store, run
-from palpate.procedures.virtual.executors import executor_of
-from palpate.procedures.virtual.study_cell import StudyComputation
+from palpate.procedures.virtual.study_cell import StudyComputation, executor_of
 from tests.benchmarks.row import Row
 
 SCENES, GOAL = 1000, 60.0

@@ -19,8 +19,9 @@ from palpate.instrument.calibration.films import FilmReading, calibrate_films
 from palpate.instrument.calibration.load_budget import load_budget
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import calibrate_load_cell
-from palpate.instrument.findings.compression import DisplaySeries, compress
+from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import film_forces
+from palpate.instrument.findings.load_line import DisplaySeries
 from palpate.instrument.findings.mean_ratio import mean_ratio
 from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.curve import ratio_curve
@@ -31,7 +32,8 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimate import Floats, SineFit, fit_sine
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.propagation import Propagated
-from palpate.procedures.measurements.load_cell.procedure import LOADS, REPEATS
+from palpate.procedures.measurements.load_cell.procedure import LOADS
+from palpate.procedures.measurements.load_cell.report import REPEATS
 from palpate.procedures.steps.servo import READINGS
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.load_cell import LoadCell

@@ -7,15 +7,9 @@ from typing import Any
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.bench.kinds import DeviceKind
-from palpate.instrument.contracts.contract import (
-    Command,
-    Condition,
-    Contract,
-    Field,
-    Manners,
-    Mark,
-    Scaling,
-)
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Command, Condition, Manners, Mark
+from palpate.instrument.contracts.field import Field, Scaling
 from palpate.simulators.clock import VirtualClock
 from tests.contracts import modbus_contract
 from tests.drivers.registers import Registers

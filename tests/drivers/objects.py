@@ -7,7 +7,8 @@ from typing import Any
 
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
-from palpate.instrument.contracts.contract import Contract, Value
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import Value
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock

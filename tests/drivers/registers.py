@@ -20,8 +20,9 @@ from pymodbus.pdu.register_message import (
 )
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.instrument.contracts.contract import Contract, Field, Identity, Value, probe
-from palpate.instrument.contracts.field import BITS
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Identity
+from palpate.instrument.contracts.field import BITS, Field, Value, probe
 from palpate.simulators.clock import VirtualClock
 
 Change = Callable[[Any], Any]

@@ -15,7 +15,7 @@ from palpate.drivers import bench as fitted
 from palpate.drivers import ownership
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import KINDS
-from palpate.instrument.contracts.contract import Identity
+from palpate.instrument.contracts.declaration import Identity
 from palpate.instrument.errors import BenchError, IdentityError, LinkError, SafetyError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench

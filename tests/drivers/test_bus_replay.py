@@ -17,7 +17,7 @@ from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout
-from palpate.procedures.logs.shown import described
+from palpate.procedures.logs import described
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty

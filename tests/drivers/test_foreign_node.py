@@ -14,7 +14,7 @@ from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.bench import links
 from palpate.instrument.contracts import sensor_node
-from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.contracts.field import sdo
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 

@@ -8,7 +8,9 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.layouts import companions, reading, widened, write
-from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Manners, Scaling
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Command, Condition, Manners
+from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.errors import ConfigError, UsageError
 from tests.contracts import modbus_contract
 

@@ -12,7 +12,8 @@ import pytest
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Scaling
+from palpate.instrument.contracts.declaration import Command, Condition, Manners, Mark
+from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin

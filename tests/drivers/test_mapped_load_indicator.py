@@ -16,7 +16,7 @@ from palpate.drivers.devices.load_indicator import LARGEST_LOSS, POLLS, Followin
 from palpate.drivers.roles import why_invalid
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass
-from palpate.instrument.contracts.contract import Value
+from palpate.instrument.contracts.field import Value
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedMappedLoadIndicator, low_passed

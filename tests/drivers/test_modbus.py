@@ -15,7 +15,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import TcpLink
-from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import DeviceError, LinkError
 from palpate.procedures.testing.wire import impatient
 from palpate.simulators.bench import SimulatedBench

@@ -12,7 +12,9 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links import rtu
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Manners
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Command, Condition, Manners
+from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, LinkError, LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock

@@ -20,7 +20,7 @@ from palpate.instrument.config import check
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.contracts.export import registers
 from palpate.instrument.errors import BenchError, ConfigError, SettingsLost, UnknownName
-from palpate.procedures.logs.shown import read_log
+from palpate.procedures.logs import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.exciter import Exciter
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.roles import Exciter
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, LinkError, SafetyError

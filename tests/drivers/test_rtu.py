@@ -19,7 +19,7 @@ from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.modbus import ModbusLink, read_registers
 from palpate.drivers.links.rtu import ReplyFramer, RtuClient
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
-from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock

@@ -7,7 +7,8 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.drivers.devices.sensor_node import LATEST_WAITS, MOST_EMERGENCIES, acquire
+from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES
+from palpate.drivers.devices.sensor_node import LATEST_WAITS, acquire
 from palpate.instrument.errors import DeviceError, LinkError, RangeError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.objects import node

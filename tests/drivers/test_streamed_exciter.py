@@ -15,10 +15,10 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.exciter import Exciter
 from palpate.drivers.devices.exciter_kinds import FEWEST, SetPointGrid, grid
 from palpate.drivers.links.can import CanLink, Cyclic
 from palpate.drivers.ownership import claim
-from palpate.drivers.roles import Exciter
 from palpate.drivers.safe_end import insist
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.contracts.maps.data_sheet import read_sheet

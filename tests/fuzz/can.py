@@ -17,7 +17,7 @@ from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.drivers.links.can import CanLink, _Listener
 from palpate.drivers.links.sdo import LARGEST_OBJECT
 from palpate.instrument.bench import links
-from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.contracts.field import sdo
 from palpate.instrument.contracts.pdo import is_relative
 from palpate.instrument.contracts.sensor_node import CONTRACT
 from tests.fuzz.target import Target, require, same_number

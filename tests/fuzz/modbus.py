@@ -16,7 +16,8 @@ from palpate.drivers.links import modbus as tcp
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.links.rtu import RtuClient
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import Field
 from tests.drivers.virtual_line import checked
 from tests.fuzz.target import Target, require, same_number
 

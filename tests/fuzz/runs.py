@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.chain import MAGIC
+from palpate.procedures.records.chain import HEAD_FILE, MAGIC, RECORD
 from palpate.procedures.records.damage import check, salvaging
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 from tests.fuzz.files import FOLDER, in_file
 from tests.fuzz.target import Target, require
 

@@ -10,7 +10,7 @@ from palpate.drivers.links.sdo import LARGEST_OBJECT
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
 from palpate.instrument.errors import ConfigError, LinkError
-from palpate.procedures.reproduce import solutions
+from palpate.procedures.reproduce.curves import Solutions
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import MOST_EFFECTS
 from tests.fuzz.can import NODE, Frames, Transfers, sdo_answers
@@ -83,4 +83,4 @@ def test_damaged_solutions_say_how_to_make_them_anew(tmp_path: Path) -> None:
     for content in ('{"a": [1.0', '{"a": ["1"]}', "[1]", "[" * 10_000):
         shipped.write_text(content)
         with pytest.raises(ConfigError, match="solve anew: palpate reproduce models --fresh"):
-            solutions.Solutions.shipped(shipped)
+            Solutions.shipped(shipped)

@@ -14,7 +14,7 @@ from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.procedures.engine.catalogue import procedure_class
 from palpate.procedures.engine.run import open_and_run
 from palpate.procedures.lab.chosen import Chosen
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench

@@ -24,9 +24,8 @@ from palpate.instrument.models.solid.parts import SolidStack
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce.chapter4 import position
-from palpate.procedures.reproduce.curves import Curves
-from palpate.procedures.reproduce.solutions import Solutions
+from palpate.procedures.reproduce import chapter4
+from palpate.procedures.reproduce.curves import Curves, Solutions
 
 ROUND = RoundParameters(interface="capped", support="rigid", sensed_thickness=1e-3)
 SQUARE = SolidParameters(interface="capped", support="rigid", sensed_thickness=1e-3)
@@ -134,7 +133,7 @@ def test_a_cap_that_touches_the_tooth_is_refused(parameters: RoundParameters | S
 
 def test_the_capped_set_meets_table_a2_7_to_38_mn_and_14_rms() -> None:
     """A fit to this very table: thickness, modulus and Poisson ratios were chosen to meet it."""
-    comparison = position.compare(("identified",), Curves([], solutions=Solutions.shipped()))
+    comparison = chapter4.compare_position(("identified",), Curves([], solutions=Solutions.shipped()))
     found = {(d.quantity, d.parameters): d for d in comparison.deviations()}
     for tooth in ("force_pvdf3_N", "force_pvdf1_N"):
         capped, identified = found[tooth, "capped"], found[tooth, "identified"]
@@ -151,7 +150,7 @@ def test_without_the_cap_the_same_object_misses_table_a2_7_by_0_59() -> None:
     places = [(1e-3 * float(x), sensor.cell[1] / 2) for x in table.rows]
     worst, rms = {}, {}
     for interface in ("capped", "frictionless"):
-        load = replace(CAPPED.load(position.CAPPED_MODULUS), interface=interface)
+        load = replace(CAPPED.load(chapter4.CAPPED_MODULUS), interface=interface)
         apart = solid.point_loads(solid_parameters(sensor, load), places, 0) - thesis
         worst[interface], rms[interface] = float(np.abs(apart).max()), math.sqrt(np.mean(apart**2))
     assert (worst["capped"], rms["capped"]) == pytest.approx((0.0383, 0.0142), abs=1e-4)

@@ -21,7 +21,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce.judging.criterion import distance, fitted_line, odds_sentence
+from palpate.procedures.reproduce.criterion import distance, fitted_line, odds_sentence
 
 SINGLE = get_design("single")
 # Fitted to the first ring's table, held against the second's.

@@ -11,7 +11,9 @@ from typing import Any
 import pytest
 
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Identity
+from palpate.instrument.contracts.field import PROBE, Field
 from palpate.instrument.contracts.sensor_node import bus_load
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 

@@ -11,8 +11,8 @@ from typing import Any, get_args
 
 import pytest
 
-from palpate.instrument.contracts.contract import Contract, Field, Scaling, sdo
-from palpate.instrument.contracts.field import SIZE, Order
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.field import SIZE, Field, Order, Scaling, sdo
 from palpate.instrument.errors import ConfigError, RangeError
 from tests.contracts import SCALE, SCALED, contract, one
 

@@ -7,7 +7,9 @@ import math
 import pytest
 
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, probe
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Identity
+from palpate.instrument.contracts.field import PROBE, Field, probe
 from palpate.instrument.contracts.sensor_node import shortest_transfer, stuff_bits
 from palpate.instrument.errors import RangeError, UnknownName
 

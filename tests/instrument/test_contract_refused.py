@@ -10,7 +10,8 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.contracts.contract import Command, Condition, Field, Manners, Mark, Scaling, sdo
+from palpate.instrument.contracts.declaration import Command, Condition, Manners, Mark
+from palpate.instrument.contracts.field import Field, Scaling, sdo
 from palpate.instrument.errors import ConfigError, RangeError
 from tests.contracts import SCALE, SCALED, contract, one
 

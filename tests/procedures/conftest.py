@@ -21,13 +21,12 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main
 from palpate.procedures.commands.options import Output
-from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import LoadSweep, SweepResult
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import NEVER

@@ -30,18 +30,19 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.accuracy import elements, meshes
 from palpate.procedures.accuracy import measure as machine
 from palpate.procedures.accuracy import measure as measuring
-from palpate.procedures.accuracy.elements import Array
 from palpate.procedures.accuracy.measure import measure
 from palpate.procedures.accuracy.meshes import (
     MIDDLES,
     MODULI,
     TIMED,
+    UNSEEN,
+    Array,
     MeshedProblem,
     MeshSolution,
+    reference_of,
     references,
     refinements,
 )
-from palpate.procedures.accuracy.references import UNSEEN, reference_of
 from palpate.procedures.virtual import numerics as collecting
 from tests.procedures.conftest import Palpate
 

@@ -11,7 +11,7 @@ from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import FEW_DEGREES
 from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.procedures.steps.agreement import CRYSTALS, FALSE_ALARMS, forces_differ, frequencies_differ
+from palpate.procedures.steps.film_point import CRYSTALS, FALSE_ALARMS, forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord
 from tests.benchmarks.agreement import DWELLS, OnPaper, false_alarms
 from tests.benchmarks.coverage import FREQUENCY, LOADS, LOUD, RATE

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.contracts.contract import Identity
+from palpate.instrument.contracts.declaration import Identity
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import hasty

@@ -15,7 +15,7 @@ from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
-from palpate.procedures.lab.begun_bench import begun_bench
+from palpate.procedures.lab.before import begun_bench
 from palpate.procedures.lab.scan import ScanPlan
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin

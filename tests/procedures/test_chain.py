@@ -15,6 +15,7 @@ from palpate.procedures.records import chain
 from palpate.procedures.records.chain import (
     FRAME,
     HASH,
+    LARGEST_ROW,
     MAGIC,
     NOTHING,
     READINGS,
@@ -27,7 +28,6 @@ from palpate.procedures.records.chain import (
     packed,
     read_head,
 )
-from palpate.procedures.records.record_file import LARGEST_ROW
 
 NAME = b"0123456789abcdef"
 BEGINNING = Head(NAME, 0, 0, 0, 0, 0, NOTHING)

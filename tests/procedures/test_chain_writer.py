@@ -16,6 +16,7 @@ from palpate.procedures.records.chain import (
     HASH,
     MAGIC,
     NOTHING,
+    RECORD,
     SECTOR,
     ChainFile,
     ChainWriter,
@@ -27,7 +28,6 @@ from palpate.procedures.records.chain import (
 )
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import SIMULATED
-from palpate.procedures.records.run_folder import RECORD
 
 CHAIN = b"0123456789abcdef"
 FRAMES: list[Content] = [(b"PART", 3, [b"first ", b"content"]), (b"MORE", 4, [b"second"])]

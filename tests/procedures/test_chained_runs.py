@@ -14,7 +14,7 @@ import pytest
 
 import palpate
 from palpate.extend import OpenBench
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.steps.pause import NOBODY
 from palpate.testing import steps
 from tests.examples.relaxation import Relaxation

@@ -13,7 +13,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise
-from palpate.procedures.measurements.characterise.result import LOADING, Characteristic, FilmsPoint, evaluate
+from palpate.procedures.measurements.characterise.report import LOADING, Characteristic, FilmsPoint, evaluate
 from palpate.procedures.steps.flags import CLIPPED
 from tests.procedures.conftest import Benches, Palpate, refused
 

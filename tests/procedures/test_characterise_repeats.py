@@ -12,13 +12,13 @@ import palpate
 from palpate.instrument.allocation.lines import budget
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
+from palpate.instrument.findings.mean_ratio import NOISE
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.characterise.repeats import NOISE, READING, SlopeRepeats
-from palpate.procedures.measurements.characterise.result import FilmsPoint
-from palpate.procedures.measurements.prospects import MOST_SETS
+from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeRepeats
+from palpate.procedures.measurements.characterise.report import FilmsPoint
+from palpate.procedures.measurements.softness import MOST_SETS
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")

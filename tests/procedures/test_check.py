@@ -11,11 +11,10 @@ import pytest
 
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import FRAME, ChainFile, RecordFrame
+from palpate.procedures.records.chain import FRAME, HEAD_FILE, RECORD, ChainFile, RecordFrame
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import HEAD_FILE, RECORD
 from tests.procedures.conftest import HEADER, Palpate
 
 POINTS, SAMPLES = 5, 100

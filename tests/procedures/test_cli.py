@@ -15,7 +15,7 @@ import pytest
 
 from palpate.instrument.errors import UsageError
 from palpate.procedures.commands.root import palpate as root
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, outputs

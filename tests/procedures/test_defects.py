@@ -106,7 +106,7 @@ def test_a_defect_of_a_driver_names_its_package(install: Install, palpate: Palpa
 def test_a_defect_of_ours_shows_its_traceback_and_the_run_keeps_it(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    from palpate.procedures.measurements.loads.procedure import LoadSweep
+    from palpate.procedures.measurements.loads import LoadSweep
 
     monkeypatch.setattr(LoadSweep, "evaluate", lambda *_: 1 / 0)
     with pytest.raises(ZeroDivisionError) as raised:

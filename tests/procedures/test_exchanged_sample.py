@@ -16,7 +16,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench

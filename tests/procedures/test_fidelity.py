@@ -8,11 +8,10 @@ import pytest
 
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab import fidelity
-from palpate.procedures.lab.chosen import Chosen, choose
-from palpate.procedures.lab.fidelity import at_fidelity
+from palpate.procedures.lab import chosen as chosen_module
+from palpate.procedures.lab.chosen import Chosen, at_fidelity, choose
+from palpate.procedures.lab.lab import Dwells
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.dwells import Dwells
 from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
@@ -92,7 +91,7 @@ def test_each_load_of_each_object_is_asked_and_the_least_one_at_the_end_of_the_r
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
     seen: list[tuple[Question, float]] = []
-    monkeypatch.setattr(fidelity, "reduced", lambda scene, _fidelity, asked: seen.extend(asked) or scene)
+    monkeypatch.setattr(chosen_module, "reduced", lambda scene, _fidelity, asked: seen.extend(asked) or scene)
     dwells = Dwells([get_sample("2"), get_sample("6")], (4.0, 9.0), 10.0, 1.0)
     at_fidelity(choose(None, "five.toml"), 1e-3, "sweep-loads", dwells, 77.0)
     assert [(question.pressed.name, question.load, start) for question, start in seen] == [

@@ -16,10 +16,10 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements import work as dynamic_load
-from palpate.procedures.measurements.films.procedure import FilmSeries
+from palpate.procedures.measurements.films import FilmSeries
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.steps.film_point import UNSETTLED
+from palpate.procedures.steps.flags import UNSETTLED
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of

@@ -15,8 +15,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.films.procedure import FilmSeries
-from palpate.procedures.measurements.films.result import PressedPoint
+from palpate.procedures.measurements.films import FilmSeries, PressedPoint
 
 pytestmark = pytest.mark.usefixtures("own_store")
 

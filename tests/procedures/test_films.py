@@ -18,7 +18,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.lab.chosen import Chosen
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps import films as module

@@ -13,8 +13,14 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.frequency_response import high_pass
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.frequency.procedure import FrequencySweep, dwell_at, parse_frequencies
-from palpate.procedures.measurements.frequency.result import FilmFrequencyResponse, FrequencyPoint, evaluate
+from palpate.procedures.measurements.frequency import (
+    FilmFrequencyResponse,
+    FrequencyPoint,
+    FrequencySweep,
+    dwell_at,
+    evaluate,
+    parse_frequencies,
+)
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, Benches, Palpate, refused
 

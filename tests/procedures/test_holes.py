@@ -9,12 +9,10 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import RecordError
-from palpate.procedures.records.chain import MOST_HOLES, check_holes
+from palpate.procedures.records.chain import MOST_HOLES, RECORD, check_holes
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import RECORD
-from palpate.procedures.records.run_list import list_runs
+from palpate.procedures.records.run import Run, list_runs
 from palpate.procedures.study.results import read_results
 from tests.procedures.conftest import HEADER, Palpate
 
@@ -66,7 +64,7 @@ def test_too_little_memory_is_one_message(palpate: Palpate, monkeypatch: pytest.
     def greedy(_path: Path) -> None:
         raise MemoryError
 
-    monkeypatch.setattr("palpate.procedures.logs.shown.read_log", greedy)
+    monkeypatch.setattr("palpate.procedures.logs.read_log", greedy)
     Path("trace.pcapng").touch()
     said = palpate("bus", "show", "trace.pcapng")
     assert said.status == 1

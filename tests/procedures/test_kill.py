@@ -11,8 +11,8 @@ import numpy as np
 import pytest
 
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.procedures.records.chain import RECORD
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import RECORD
 from tests.kills import Commands
 from tests.procedures.conftest import OFF, Palpate
 

@@ -18,7 +18,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.load_cell.result import LoadCellResult
+from palpate.procedures.measurements.load_cell.report import LoadCellResult
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.run import Run

@@ -16,15 +16,15 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.rounding import mean_u
-from palpate.procedures.measurements.load_cell.procedure import LOADS
-from palpate.procedures.measurements.load_cell.repeats import (
+from palpate.procedures.measurements.load_cell.procedure import (
+    LOADS,
     CellRepeats,
     Learned,
     expected_sensitivity,
     run_seconds,
     spread,
 )
-from palpate.procedures.measurements.load_cell.result import REPEATS
+from palpate.procedures.measurements.load_cell.report import REPEATS
 from tests.procedures.conftest import Palpate
 
 CALIBRATE = ("calibrate", "load-cell")

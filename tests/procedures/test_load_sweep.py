@@ -20,8 +20,7 @@ from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
+from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, evaluate
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench

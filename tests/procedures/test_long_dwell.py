@@ -16,14 +16,13 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.errors import RangeError, RecordError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.procedures.engine.again import Unrecorded
+from palpate.procedures.engine.run import Unrecorded
 from palpate.procedures.lab import operator
 from palpate.procedures.records.damage import check, repair
-from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.record import Recorder, StoredDwell
 from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
 from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
-from palpate.procedures.records.stored_dwell import StoredDwell
 from palpate.procedures.steps import films
 from palpate.procedures.steps.films import FilmRecord, Films, LongFilmRecord
 from palpate.simulators.bench import SimulatedBench

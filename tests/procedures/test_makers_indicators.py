@@ -11,7 +11,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.errors import BenchError, DeviceError, RangeError
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import SweepResult
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.guests import guests
 from palpate.simulators.planning.settle import read_scene

@@ -9,7 +9,7 @@ import pytest
 
 import palpate
 from palpate.drivers.bench import Bench
-from palpate.procedures.measurements.loads.result import LoadPoint
+from palpate.procedures.measurements.loads import LoadPoint
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep

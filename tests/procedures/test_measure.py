@@ -16,7 +16,7 @@ import pytest
 from click.testing import CliRunner
 
 from palpate.procedures.commands.root import palpate as root
-from palpate.procedures.console.progress import Progress, silent
+from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.engine.settings import asked_of
 from palpate.procedures.lab import operator as keys

@@ -19,9 +19,8 @@ from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator
-from palpate.procedures.measurements.modulus import procedure as modulus
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
-from palpate.procedures.measurements.modulus.result import ModulusResult
+from palpate.procedures.measurements import modulus
+from palpate.procedures.measurements.modulus import ModulusResult, ModulusTest
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench

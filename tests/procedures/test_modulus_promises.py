@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from palpate.instrument.allocation.stopping import FIRST
+from palpate.instrument.allocation.table import FIRST
 from tests.benchmarks.modulus_bench import fast
 from tests.benchmarks.modulus_budget import KINDS, asked, block
 from tests.benchmarks.modulus_figures import Run

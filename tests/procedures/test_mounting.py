@@ -17,8 +17,8 @@ from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.operator import Mounting, at_terminal, weaker
-from palpate.procedures.measurements.position.procedure import PositionSweep
-from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+from palpate.procedures.measurements.position import PositionSweep
+from palpate.procedures.measurements.temperature import TemperatureSweep
 from palpate.procedures.records.run import Run
 from palpate.procedures.showing.text import where
 from palpate.simulators.bench import SimulatedBench

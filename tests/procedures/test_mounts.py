@@ -19,11 +19,11 @@ from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Lab, Mounts, Target, mounts_by
 from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.frequency.procedure import FrequencySweep
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.frequency import FrequencySweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+from palpate.procedures.measurements.softness import SoftnessTest
+from palpate.procedures.measurements.temperature import TemperatureSweep
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene

@@ -5,6 +5,7 @@ from __future__ import annotations
 import keyword
 import tomllib
 from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import pytest
@@ -12,11 +13,7 @@ import pytest
 import palpate.testing  # noqa: F401
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.templates.new_bench import new_bench
-from palpate.procedures.templates.new_design import new_design
-from palpate.procedures.templates.new_device import new_device
-from palpate.procedures.templates.new_effect import new_effect
-from palpate.procedures.templates.new_procedure import new_procedure
+from palpate.procedures.templates.new_files import new_bench, new_device, new_package
 from tests.conftest import Install
 from tests.procedures.conftest import Palpate
 
@@ -24,9 +21,9 @@ pytest_plugins = ["pytester"]
 
 NEW: dict[str, Callable[[str, Path], list[Path]]] = {
     "device": lambda name, folder: new_device(name, "modbus-tcp", "sensor", folder),
-    "design": new_design,
-    "effect": new_effect,
-    "procedure": new_procedure,
+    "design": partial(new_package, "design"),
+    "effect": partial(new_package, "effect"),
+    "procedure": partial(new_package, "procedure"),
     "bench": lambda name, folder: new_bench(name, (), folder),
 }
 
@@ -93,7 +90,7 @@ def test_a_wrong_scale_does_not_pass(
 def test_an_effect_passes_as_it_stands_and_a_wrong_one_does_not(
     tmp_path: Path, pytester: pytest.Pytester, installed: Put
 ) -> None:
-    pyproject, effect, test = new_effect("cable_sag", tmp_path)
+    pyproject, effect, test = new_package("effect", "cable_sag", tmp_path)
     installed([pyproject, effect, test])
     quick = ("-k", "loss or zero or name or gains")
     assert conform(pytester, test, *quick).parseoutcomes() == {"passed": 5, "deselected": 11}
@@ -106,7 +103,7 @@ def test_an_effect_passes_as_it_stands_and_a_wrong_one_does_not(
 def test_a_design_passes_as_it_stands_and_has_nothing_of_the_thesis(
     tmp_path: Path, pytester: pytest.Pytester, installed: Put
 ) -> None:
-    test = installed(new_design("grasper_7", tmp_path))
+    test = installed(new_package("design", "grasper_7", tmp_path))
     assert conform(pytester, test).parseoutcomes() == {"passed": 1}
     design = get_design("grasper_7")
     assert (design.thesis_force_ratio, design.thesis_softness_order) == ({}, ())

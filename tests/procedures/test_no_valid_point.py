@@ -16,9 +16,9 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.commands.options import Output
 from palpate.procedures.commands.procedures import tell_result
-from palpate.procedures.engine.result import SimpleResult
+from palpate.procedures.engine.procedure import SimpleResult
 from palpate.procedures.showing.text import MARKS, legend
-from palpate.procedures.steps import agreement, flags
+from palpate.procedures.steps import film_point, flags
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import FilmRecord
 from palpate.procedures.steps.flags import CLIPPED, FLAGS
@@ -86,7 +86,7 @@ def test_every_flag_of_a_point_is_explained_with_the_numbers_that_count() -> Non
     assert set(FLAGS) == {value for value in named.values() if isinstance(value, str)}
     assert set(FLAGS) > flags.USED
     assert all(
-        f"by noise alone only {1e5 * agreement.FALSE_ALARMS:.0f} points of 100,000 differ so much" in FLAGS[flag]
+        f"by noise alone only {1e5 * film_point.FALSE_ALARMS:.0f} points of 100,000 differ so much" in FLAGS[flag]
         for flag in ("force", "frequency")
     )
     assert f"after {ATTEMPTS} attempts" in MARKS["NO"]

@@ -16,8 +16,7 @@ import palpate
 from palpate.extend import Lab, Measurement, Plan, Procedure, SimpleResult, Step, Target
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.commands.options import Output
-from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.engine.returned import asked
+from palpate.procedures.engine.conduct import asked, conduct
 from palpate.procedures.lab.session import reserved
 from palpate.procedures.records.record import Recorder
 from tests.procedures.conftest import HEADER

@@ -10,8 +10,8 @@ import pytest
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.price_list import stored
-from palpate.procedures.accuracy import arithmetic
 from palpate.procedures.accuracy.numerics import BOUND, Task, Way, of_estimators, of_models
+from palpate.procedures.commands.accuracy import numerics
 from palpate.procedures.virtual import numerics as collecting
 from palpate.simulators.linear import integrators
 from tests.procedures.conftest import Palpate
@@ -22,8 +22,8 @@ FREQUENCY, RATE = 10.0, 250.0
 @pytest.fixture(autouse=True)
 def tasks_are_short_and_times_not_measured() -> Iterator[None]:
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(arithmetic, "seconds_of", lambda call: 1e-3)
-        patch.setattr(arithmetic, "STEPS", 200_000)
+        patch.setattr(numerics, "seconds_of", lambda call: 1e-3)
+        patch.setattr(numerics, "STEPS", 200_000)
         patch.setattr(collecting, "RECORD", 40.0)
         patch.setattr(integrators, "DURATION", 0.1)
         patch.setattr(integrators, "TOLERANCES", {})
@@ -68,7 +68,7 @@ def test_a_silent_film_gives_no_ratio() -> None:
 
 def test_single_precision_loses_a_late_record_and_sums_lose_a_phase_and_noise_helps_a_register() -> None:
     """Half a step of 153 µV on 1.24 mV is 6 %, of 15 µV 0.6 %: the fit sees a good part of it, noise averages it."""
-    fit, phase, samples, load = (errors(task) for task in arithmetic.tasks())
+    fit, phase, samples, load = (errors(task) for task in numerics.arithmetic_tasks())
     assert fit["float64, centred QR", ""] < 1e-11 < 10 * fit["float64, normal equations", ""] < 1e-7
     assert fit["float32, normal equations", ""] > 1e-3
     assert phase["integer of 48 bits", ""] == 0.0 and phase["float32 sum", ""] > 0.1

@@ -19,13 +19,13 @@ from palpate.instrument.findings.mean_ratio import CALIBRATION
 from palpate.instrument.quantity import Typed, parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.object_modulus.course import Course, ModulusPoint, mounting_scatter, ratios_of
-from palpate.procedures.measurements.object_modulus.planning import MOST_SETS, command_of
-from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
+from palpate.procedures.lab.lab import Dwells, Target
+from palpate.procedures.measurements.object_modulus.planning import command_of
+from palpate.procedures.measurements.object_modulus.procedure import Course, ObjectModulus
+from palpate.procedures.measurements.object_modulus.report import ModulusPoint, mounting_scatter, ratios_of
+from palpate.procedures.measurements.softness import MOST_SETS
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import check_frequency, parse_loads
-from palpate.procedures.steps.dwells import Dwells
 from tests.procedures.conftest import Palpate
 
 MEASURE = ("measure", "modulus")

@@ -10,7 +10,7 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.lab.software import added_by
+from palpate.procedures.lab.about import added_by
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from tests.conftest import Install

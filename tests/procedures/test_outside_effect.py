@@ -15,7 +15,7 @@ from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.run import run
 from palpate.procedures.lab.open import open_bench
-from palpate.procedures.virtual import executors, study_cell
+from palpate.procedures.virtual import study_cell
 from palpate.simulators.effects.amplifier_clip import AmplifierClip
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.gain_scatter import GainScatter
@@ -105,7 +105,7 @@ def in_threads(*_: object) -> Iterator[tuple[Executor, int]]:
 def test_a_study_names_package_and_version_and_does_not_go_on_with_another(
     palpate: Palpate, install: Install, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(executors, "executor_of", in_threads)
+    monkeypatch.setattr(study_cell, "executor_of", in_threads)
     scene_of("[effects.wet_glue]\n", Path())
     study = 'name = "glued"\nloads = "2 N"\n[axes]\nscene = ["mine.toml"]\nsample = ["1"]\n'
     Path("glued.toml").write_text(study, encoding="utf-8")

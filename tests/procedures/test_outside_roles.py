@@ -12,15 +12,16 @@ import pytest
 
 import palpate
 from palpate.drivers.bench import Bench
-from palpate.drivers.roles import Exciter, LoadIndicator, Positioner, SensorNode
+from palpate.drivers.devices.exciter import Exciter
+from palpate.drivers.roles import LoadIndicator, Positioner, SensorNode
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, RangeError, SafetyError
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.logs.shown import read_log
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.logs import read_log
+from palpate.procedures.measurements.loads import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.testing.wire import Traffic
 from palpate.procedures.virtual.study_cell import StudyComputation

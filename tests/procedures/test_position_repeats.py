@@ -17,8 +17,7 @@ from palpate.instrument.quantity import parse, parse_list
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.position.expected import share_noise
-from palpate.procedures.measurements.position.procedure import PositionSweep
+from palpate.procedures.measurements.position import PositionSweep, share_noise
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 from rich.console import Console
 
-from palpate.procedures.console import progress as progress_module
+from palpate.procedures.console import terminal as progress_module
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Palpate
 

@@ -19,22 +19,20 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import first_steps
-from palpate.procedures.engine.promise import Expected, achieved
-from palpate.procedures.engine.result import SimpleResult
+from palpate.procedures.engine.procedure import Expected, SimpleResult, achieved
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.films.procedure import FilmSeries
-from palpate.procedures.measurements.frequency.procedure import FrequencySweep
+from palpate.procedures.measurements.films import FilmSeries
+from palpate.procedures.measurements.frequency import FrequencySweep
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
-from palpate.procedures.measurements.position.procedure import PositionSweep
-from palpate.procedures.measurements.references.procedure import ReferenceSeries
-from palpate.procedures.measurements.references.result import Reference
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.measurements.temperature.procedure import TemperatureSweep
+from palpate.procedures.measurements.loads import LoadSweep
+from palpate.procedures.measurements.modulus import ModulusTest
+from palpate.procedures.measurements.position import PositionSweep
+from palpate.procedures.measurements.references import Reference, ReferenceSeries
+from palpate.procedures.measurements.softness import SoftnessTest
+from palpate.procedures.measurements.temperature import TemperatureSweep
 from tests.procedures.conftest import Palpate
 
 TIME = (0.9, 1.1)

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.procedures.logs.shown import read_log
-from palpate.procedures.measurements.loads.result import LoadPoint
+from palpate.procedures.logs import read_log
+from palpate.procedures.measurements.loads import LoadPoint
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class

@@ -15,9 +15,9 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, RecordError
-from palpate.procedures.records.chain import AHEAD, HASH
+from palpate.procedures.records.chain import AHEAD, HASH, LARGEST_ROW
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.record_file import IN_A_FRAME, LARGEST_ROW
+from palpate.procedures.records.record_file import IN_A_FRAME
 from palpate.procedures.records.run import Run
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}

@@ -14,10 +14,8 @@ import pytest
 
 from palpate.instrument.errors import RangeError
 from palpate.procedures.records import record_file
-from palpate.procedures.records.chain import NOTHING, ChainFile, Content, Head, RecordFrame, packed
+from palpate.procedures.records.chain import HEAD_FILE, NOTHING, RECORD, ChainFile, Content, Head, RecordFrame, packed
 from palpate.procedures.records.record_file import (
-    HEAD_FILE,
-    RECORD,
     Record,
     as_json,
     chain_of,

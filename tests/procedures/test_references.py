@@ -21,17 +21,16 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.calibrations import path_of, probable_references
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.references.procedure import ReferenceSeries
-from palpate.procedures.measurements.references.result import (
+from palpate.procedures.measurements import softness
+from palpate.procedures.measurements.references import (
     MODULUS,
     Reference,
+    ReferenceSeries,
     ReferencesResult,
     evaluate,
     read_reference,
 )
-from palpate.procedures.measurements.softness import result as softness
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
-from palpate.procedures.measurements.softness.result import SoftnessPoint
+from palpate.procedures.measurements.softness import SoftnessPoint, SoftnessTest
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate

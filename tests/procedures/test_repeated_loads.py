@@ -12,9 +12,9 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.dataset import as_dataset
 from palpate.procedures.lab.chosen import choose
-from palpate.procedures.measurements.films.procedure import FilmSeries
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.films import FilmSeries
+from palpate.procedures.measurements.loads import LoadSweep
+from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.procedures.study.results import Results

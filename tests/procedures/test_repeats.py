@@ -15,7 +15,7 @@ from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.testing import steps
 from tests.procedures.conftest import Palpate
 

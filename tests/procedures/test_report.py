@@ -17,13 +17,15 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.measurements.load_cell.report import plot_load_cell, show_load_cell
-from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
-from palpate.procedures.measurements.loads.report import plot_sweep, show_sweep
-from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
+from palpate.procedures.measurements.load_cell.report import (
+    LoadCellPoint,
+    LoadCellResult,
+    plot_load_cell,
+    show_load_cell,
+)
+from palpate.procedures.measurements.loads import LoadPoint, evaluate, plot_sweep, show_sweep
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import RunSummary
+from palpate.procedures.records.run import Run, RunSummary
 from palpate.procedures.showing.figure import new_figure, save
 from palpate.procedures.showing.runs import print_run, print_runs
 from palpate.procedures.showing.text import PIPE_WIDTH, STAMP, new_table, print_all, stamped, where

@@ -14,12 +14,9 @@ from numpy.typing import NDArray
 from palpate.instrument.models import springs
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.thesis import contents, read_table
-from palpate.procedures.reproduce import curves, models, solutions
-from palpate.procedures.reproduce.chapter4 import position, single
-from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, CurveCase, Curves, Solved
-from palpate.procedures.reproduce.figures import chapter4
-from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison, ModelSeries
-from palpate.procedures.reproduce.solutions import Solutions
+from palpate.procedures.reproduce import chapter4, curves, figures, models
+from palpate.procedures.reproduce.curves import COARSE_MESH, FINE_MESH, STIFF_RING, CurveCase, Curves, Solutions, Solved
+from palpate.procedures.reproduce.rows import ComparedColumn, Comparison, ModelSeries
 from tests.procedures.conftest import Palpate
 
 REPRODUCE = ("reproduce", "models")
@@ -46,13 +43,13 @@ def cheap(monkeypatch: pytest.MonkeyPatch) -> list[CurveCase]:
 
     monkeypatch.setattr(curves, "solve", solve)
     monkeypatch.setattr(solid, "point_loads", point_loads)
-    monkeypatch.setattr(solutions, "SHIPPED", Path("nothing is known"))
+    monkeypatch.setattr(curves, "SHIPPED", Path("nothing is known"))
     return asked
 
 
 @pytest.fixture
 def no_figures(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(chapter4, "pictures", lambda *_: [])
+    monkeypatch.setattr(figures, "model_pictures", lambda *_: [])
 
 
 def only(monkeypatch: pytest.MonkeyPatch, *tables: str) -> None:
@@ -111,7 +108,7 @@ def test_the_identified_set_meets_table_a2_1_within_0_008_on_this_path(monkeypat
 
 def test_the_set_fitted_at_24_kpa_predicts_the_ring_of_33_kpa() -> None:
     """0.0102 off at the softest object, 0.0032 at 33.5 kPa and at most that above, but for two doubtful voltages."""
-    comparison = single.compare("A2.2", ("identified",), Curves([], solutions=Solutions.shipped()))
+    comparison = chapter4.compare_single("A2.2", ("identified",), Curves([], solutions=Solutions.shipped()))
     volts = next(column for column in comparison.columns if column.quantity == "voltage_pvdf2_V")
     ratio = next(series.values for series in comparison.columns[0].ours if series.model == "axisymmetric")
     off = ratio - 1000 * np.array([abs(float(cell.printed)) for cell in volts.cells])
@@ -221,8 +218,8 @@ def test_people_get_tables_pictures_and_a_summary_in_a_new_folder_of_the_store(
 ) -> None:
     only(monkeypatch, "A2.1", "A2.5", "A2.7")
     some = ("Figure 4.4", "Figure 4.13")
-    alone = [figure for figure in chapter4.RATIO_FIGURES if figure.number in some]
-    monkeypatch.setattr(chapter4, "RATIO_FIGURES", alone)
+    alone = [figure for figure in figures.RATIO_FIGURES if figure.number in some]
+    monkeypatch.setattr(figures, "RATIO_FIGURES", alone)
     said = palpate(*REPRODUCE, "--parameters", "identified")
     assert (said.status, said.err) == (0, "palpate: note: drawing every figure takes about 7 s\n")
     (folder,) = Path("runs").iterdir()
@@ -247,7 +244,6 @@ def test_an_interruption_leaves_the_tables_that_are_done(
     def interrupted(*_: object) -> None:
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(position, "compare", interrupted)
     monkeypatch.setattr(models, "TABLES", {**models.TABLES, "A2.7": interrupted})
     said = palpate(*REPRODUCE, "--parameters", "identified", "--out", "half")
     assert said.status == 130

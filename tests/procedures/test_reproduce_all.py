@@ -20,22 +20,20 @@ from palpate.instrument.signals.harmonics import Distortion
 from palpate.instrument.signals.oscilloscope import ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import propagation
-from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult
-from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult, evaluate
-from palpate.procedures.measurements.modulus.result import ModulusResult
+from palpate.procedures.measurements.load_cell.report import LoadCellPoint, LoadCellResult
+from palpate.procedures.measurements.loads import LoadPoint, SweepResult, evaluate
+from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.procedures.records.run import Run
-from palpate.procedures.reproduce import curves, everything, models
-from palpate.procedures.reproduce.chapter5 import bench_tables, experiments, percent
-from palpate.procedures.reproduce.chapter5.traces import PointTraces, Traces, read_traces, traces_said
-from palpate.procedures.reproduce.curves import CurveCase
-from palpate.procedures.reproduce.judging.criterion import LEAST_SHARE
-from palpate.procedures.reproduce.judging.rows import Row, RowTable
+from palpate.procedures.reproduce import chapter5, curves, everything, models
+from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, read_traces, traces_said
+from palpate.procedures.reproduce.criterion import LEAST_SHARE
+from palpate.procedures.reproduce.curves import CurveCase, Solutions
 from palpate.procedures.reproduce.page import Everything
-from palpate.procedures.reproduce.solutions import Solutions
+from palpate.procedures.reproduce.rows import Row, RowTable
 from tests.instrument.test_compression import three
 from tests.procedures.conftest import Palpate
 
-SINGLE, COMMON, DIFFERENT = experiments.ARRANGEMENTS
+SINGLE, COMMON, DIFFERENT = chapter5.ARRANGEMENTS
 MEANS = ratio_by("experiment")
 
 
@@ -57,7 +55,7 @@ def row(
     return Row("1", "force_ratio", TableCell(f"{thesis:g}", thesis, reason), ours, u, evidence, measured)
 
 
-def swept(arrangement: experiments.Arrangement, factor: float = 1.0) -> SweepResult:
+def swept(arrangement: chapter5.Arrangement, factor: float = 1.0) -> SweepResult:
     """What the thesis' mean ratios give under every load, its forces times a factor."""
     design = get_design(arrangement.design)
     count = len(design.teeth)
@@ -91,9 +89,9 @@ def traces(found: SweepResult) -> Traces:
     return {(p.sample, p.load_N): PointTraces(ScopeReading(of_load * p.load_N, 0.1, 0.15), clean) for p in found.points}
 
 
-def compared(arrangement: experiments.Arrangement, found: SweepResult, by: EvidencePart = MEANS) -> list[RowTable]:
+def compared(arrangement: chapter5.Arrangement, found: SweepResult, by: EvidencePart = MEANS) -> list[RowTable]:
     """Every table of the arrangement beside this sweep."""
-    return list(experiments.compare(arrangement, found, traces(found), by))
+    return list(chapter5.compare_experiment(arrangement, found, traces(found), by))
 
 
 def pressed(sample: str) -> ModulusResult:
@@ -132,7 +130,7 @@ def test_a_row_is_within_two_standard_uncertainties_and_without_any_it_is_not_ju
 
 @pytest.mark.parametrize(("arrangement", "cells"), [(SINGLE, 300), (COMMON, 438), (DIFFERENT, 60)])
 def test_the_thesis_own_means_lie_within_the_scatter_of_its_cells(
-    arrangement: experiments.Arrangement, cells: int
+    arrangement: chapter5.Arrangement, cells: int
 ) -> None:
     tables = compared(arrangement, swept(arrangement))
     assert [table.number for table in tables] == [*arrangement.tables.values(), arrangement.summary]
@@ -162,36 +160,36 @@ def test_a_wrong_order_of_softness_is_said() -> None:
     wrong = replace(swept(DIFFERENT), softness_order=["2", "1", "3", "4", "5", "6"])
     (table,) = compared(DIFFERENT, wrong)
     assert table.sentences[0].endswith("WRONG: the thesis' figure has 1 > 6 > 4 > 3 > 5 > 2")
-    assert not experiments.order_is_right(wrong, get_design("different_base"))
+    assert not chapter5.order_is_right(wrong, get_design("different_base"))
 
 
 def test_the_order_of_figure_5_4_is_right_for_its_sensor() -> None:
     """It has sample 5 above 3, which by modulus is softer."""
     design, found = get_design("common_base"), swept(COMMON)
     as_printed = replace(found, softness_order=["1", "6", "4", "5", "3", "2"])
-    assert experiments.order_is_right(as_printed, design)
-    assert experiments.reversed_pairs(as_printed, design) == {}
-    assert experiments.order_is_right(found, design)
-    assert experiments.reversed_pairs(found, design) == {("5", "3"): "the thesis' means have it so"}
+    assert chapter5.order_is_right(as_printed, design)
+    assert chapter5.reversed_pairs(as_printed, design) == {}
+    assert chapter5.order_is_right(found, design)
+    assert chapter5.reversed_pairs(found, design) == {("5", "3"): "the thesis' means have it so"}
 
 
 def test_table_5_1_is_its_own_and_its_line_stands_beside_the_printed_sensitivity() -> None:
-    table = bench_tables.calibration(weighed())
+    table = chapter5.calibration_rows(weighed())
     assert {r.difference for r in table.rows} == {0.0}
     assert [row.within for row in table.rows] == 16 * [True]
     assert "10.306 mV/N by the line; the printed 0.1053 mV/N is mV per gram-force, 10.74 mV/N" in table.sentences[0]
 
 
 def test_a_modulus_of_60_kpa_is_not_that_of_sample_1_and_lies_below_its_catalogue() -> None:
-    table = bench_tables.compression("5.2", "1", pressed("1"))
+    table = chapter5.compression_rows("5.2", "1", pressed("1"))
     assert {row.within for row in table.rows} == {False}
     assert [r.cell.reason[:12] for r in table.rows if r.cell.reason] == ["scan or thes"]
-    catalogue = bench_tables.catalogue({"1": pressed("1")})
+    catalogue = chapter5.catalogue_rows({"1": pressed("1")})
     assert [r.within for r in catalogue.rows] == [False, True, True, True, True]
 
 
 def test_the_columns_of_table_5_8_do_not_share_a_definition() -> None:
-    found = percent.definitions()
+    found = chapter5.percent_definitions()
     assert [re.search(r": percent of the (\w+)", said).group(1) for said in found.sentences] == [  # type: ignore[union-attr]
         "theory", "theory", "experiment", "experiment",
     ]  # fmt: skip

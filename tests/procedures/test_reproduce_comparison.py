@@ -10,10 +10,10 @@ import numpy as np
 import pytest
 
 from palpate.instrument.thesis import TableCell, ThesisTable, read_table
-from palpate.procedures.reproduce.chapter4 import pair, theory
-from palpate.procedures.reproduce.chapter4.films import voltage_sentence
+from palpate.procedures.reproduce import chapter4
+from palpate.procedures.reproduce.chapter4 import voltage_sentence
 from palpate.procedures.reproduce.curves import TOOTH, CurveCase
-from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison, ModelSeries, fit_sentence
+from palpate.procedures.reproduce.rows import ComparedColumn, Comparison, ModelSeries, fit_sentence
 
 IDENTIFIED = CurveCase("single", "axisymmetric", "identified")
 
@@ -66,11 +66,11 @@ def test_the_sentence_says_what_matches_and_what_does_not() -> None:
 
 def test_a_copied_table_is_called_a_copy_and_one_that_differs_is_not() -> None:
     table, twin = read_table("A2.5"), read_table("A2.3")
-    assert pair.twin_sentence(table, twin).startswith(
+    assert chapter4.twin_sentence(table, twin).startswith(
         "240 of 240 cells, repaired, are those of Table A2.3: it is a copy"
     )
     other = replace(twin, columns={**twin.columns, "force_ratio": table.columns["force_pvdf1_N"]})
-    said = pair.twin_sentence(table, other)
+    said = chapter4.twin_sentence(table, other)
     assert said.startswith("192 of 240 cells")
     assert said.endswith("the two are not independent")
 
@@ -86,15 +86,15 @@ def test_the_sentence_on_voltages_has_their_slope_and_how_far_it_is_from_the_mat
 
 def test_both_definitions_of_the_error_give_back_the_percentage() -> None:
     experiment, percent = np.array([0.3, 0.2]), np.array([20.0, -5.0])
-    of_theory, of_experiment = (theory.rebuilt(experiment, percent, flag) for flag in (False, True))
+    of_theory, of_experiment = (chapter4.rebuilt(experiment, percent, flag) for flag in (False, True))
     assert 100 * (experiment - of_theory) / of_theory == pytest.approx(percent)
     assert 100 * (experiment - of_experiment) / experiment == pytest.approx(percent)
 
 
 @pytest.mark.parametrize(("column", "limit"), [("single_vs_3D", 3e-3), ("common_base_vs_3D", 1.2e-3)])
 def test_table_5_8_is_about_the_printed_averages_and_tables_a2_1_and_a2_3(column: str, limit: float) -> None:
-    *_, source, of_experiment = theory.COLUMNS[column]
+    *_, source, of_experiment = chapter4.THEORIES[column]
     assert source is not None
-    taken = theory.implied(column)[theory.OF_EXPERIMENT if of_experiment else theory.OF_THEORY]
-    printed = theory.table_ratio(source, theory.sample_moduli(), printed=True)
+    taken = chapter4.implied(column)[chapter4.OF_EXPERIMENT if of_experiment else chapter4.OF_THEORY]
+    printed = chapter4.table_ratio(source, chapter4.sample_moduli(), printed=True)
     assert np.sqrt(np.mean((taken - printed) ** 2)) < limit

@@ -14,13 +14,12 @@ import pytest
 
 from palpate.instrument.models.evidence import Evidence, ratio_by
 from palpate.instrument.thesis import read_table
-from palpate.procedures.reproduce import everything
-from palpate.procedures.reproduce.chapter4 import theory
-from palpate.procedures.reproduce.chapter5 import experiments, percent
-from palpate.procedures.reproduce.chapter5.columns import quantities
+from palpate.procedures.reproduce import chapter4, chapter5, everything
+from palpate.procedures.reproduce.chapter5 import quantities
+from palpate.procedures.reproduce.criterion import all_means, judge
 from palpate.procedures.reproduce.curves import Curves
-from palpate.procedures.reproduce.judging.criterion import all_means, judge
-from palpate.procedures.reproduce.judging.rows import (
+from palpate.procedures.reproduce.page import Everything
+from palpate.procedures.reproduce.rows import (
     Comparison,
     ModelSeries,
     Row,
@@ -28,7 +27,6 @@ from palpate.procedures.reproduce.judging.rows import (
     column_of,
     counts,
 )
-from palpate.procedures.reproduce.page import Everything
 from tests.procedures.conftest import Palpate
 from tests.procedures.test_reproduce_all import COMMON, DIFFERENT, SINGLE, compared, quick, row, swept
 
@@ -203,7 +201,7 @@ def test_rows_outside_are_told_beside_what_chance_would_put_there() -> None:
 
 @pytest.mark.parametrize(("arrangement", "number"), [(SINGLE, "A2.9"), (COMMON, "A2.15"), (DIFFERENT, "5.7")])
 def test_a_mean_that_went_in_is_met_to_our_own_uncertainty_and_a_predicted_one_to_both(
-    arrangement: experiments.Arrangement, number: str
+    arrangement: chapter5.Arrangement, number: str
 ) -> None:
     def mean(by: str) -> Row:
         tables = compared(arrangement, swept(arrangement), ratio_by(by))
@@ -236,7 +234,7 @@ def test_the_cells_of_table_5_7_are_the_means_that_went_in() -> None:
 def test_without_scatter_a_film_gives_its_own_sensitivity_times_its_share_of_the_force(
     design: str, expected: dict[str, float]
 ) -> None:
-    found = {each.column: each.expected(3.0, 0.25) for each in quantities(theory.get_design(design), {}, ())}
+    found = {each.column: each.expected(3.0, 0.25) for each in quantities(chapter4.get_design(design), {}, ())}
     assert {name: value for name, value in found.items() if name.endswith("_mV")} == pytest.approx(
         {**expected, "meter_reading_mV": math.nan}, rel=1e-12, nan_ok=True
     )
@@ -250,16 +248,16 @@ def theories() -> Comparison:
     """Table 5.8 by the models, each theory half the thesis' mean ratio."""
 
     def half(_curves: object, design: str, *_: object) -> np.ndarray:
-        measured = theory.get_design(design).thesis_force_ratio
+        measured = chapter4.get_design(design).thesis_force_ratio
         return np.array([measured[sample] / 2 for sample in "123456"])
 
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(theory, "ratios", half)
-        return theory.compare(("physical", "identified"), Curves([]))
+        patch.setattr(chapter4, "ratios", half)
+        return chapter4.compare_theories(("physical", "identified"), Curves([]))
 
 
 def bench_table(theories: Comparison) -> RowTable:
-    return percent.of_bench(theories, {each.design: swept(each) for each in experiments.ARRANGEMENTS})
+    return chapter5.percent_of_bench(theories, {each.design: swept(each) for each in chapter5.ARRANGEMENTS})
 
 
 def found_of(theories: Comparison) -> Callable[[str], list[Row]]:
@@ -278,7 +276,7 @@ def test_an_experiment_above_its_theory_has_a_positive_error_of_the_thesis_own_d
 
 def test_table_5_8_names_its_models_and_what_they_are_worth(theories: Comparison) -> None:
     of = found_of(theories)
-    seen = {(each.by, each.evidence) for name in theory.COLUMNS for each in of(f"{name}_percent")}
+    seen = {(each.by, each.evidence) for name in chapter4.THEORIES for each in of(f"{name}_percent")}
     assert seen == {
         ("bench against axisymmetric, physical", PREDICTED), ("bench against axisymmetric, identified", FITTED),
         ("bench against solid, physical", PREDICTED), ("bench against solid, identified", FITTED),
@@ -302,7 +300,7 @@ def test_a_percentage_from_the_slipped_column_is_repaired_and_no_other(theories:
     of = found_of(theories)
     repaired = {
         (each.quantity, each.row): (each.cell.printed, round(each.cell.value, 1))
-        for name in theory.COLUMNS
+        for name in chapter4.THEORIES
         for each in of(f"{name}_percent")
         if "shifted column" in each.cell.reason
     }
@@ -318,10 +316,10 @@ def test_the_corrected_beam_is_within_the_goal_of_its_fit_and_the_printed_progra
         def of(self, case: object) -> object:  # type: ignore[override]
             raise AssertionError("the beam needs no finite elements")
 
-    columns = {"single_vs_2D": theory.COLUMNS["single_vs_2D"]}
+    columns = {"single_vs_2D": chapter4.THEORIES["single_vs_2D"]}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(theory, "COLUMNS", columns)
-        compared = theory.compare(("physical",), Nothing([])).row_table()
+        patch.setattr(chapter4, "THEORIES", columns)
+        compared = chapter4.compare_theories(("physical",), Nothing([])).row_table()
     judged = {each.by: [r.within for r in compared.judged if r.by == each.by] for each in compared.judged}
     assert judged == {"beam, physical": 6 * [True], "beam_printed, physical": 6 * [False]}
 

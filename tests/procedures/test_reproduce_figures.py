@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import pytest
 
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.reproduce.figures.chapter5 import _bench
+from palpate.procedures.reproduce.figures import _bench
 
 
 def test_a_benchs_mean_ratio_stands_over_its_modulus_with_bars_of_its_standard_uncertainty() -> None:

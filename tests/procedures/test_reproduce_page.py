@@ -22,19 +22,16 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table
 from palpate.instrument.uncertainty import propagation
+from palpate.procedures.console.terminal import silent
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.modulus.procedure import ModulusTest
-from palpate.procedures.reproduce import everything
-from palpate.procedures.reproduce.chapter5 import experiments
-from palpate.procedures.reproduce.figure_page import anchor
-from palpate.procedures.reproduce.figures.chapter4 import AREA_RATIOS, RATIO_FIGURES, with_area_ratio
-from palpate.procedures.reproduce.figures.chapter5 import BY_RATIO, WITH_THEORIES
-from palpate.procedures.reproduce.judging.criterion import REQUIRED
-from palpate.procedures.reproduce.judging.rows import RowTable, counts
+from palpate.procedures.measurements.modulus import ModulusTest
+from palpate.procedures.reproduce import chapter5, everything
+from palpate.procedures.reproduce.criterion import REQUIRED
+from palpate.procedures.reproduce.figures import AREA_RATIOS, BY_RATIO, RATIO_FIGURES, WITH_THEORIES, with_area_ratio
 from palpate.procedures.reproduce.models import Reproduction
-from palpate.procedures.reproduce.page import PARTS, Everything, print_everything, write_page
-from tests.procedures.conftest import silent
+from palpate.procedures.reproduce.page import PARTS, Everything, anchor, print_everything, write_page
+from palpate.procedures.reproduce.rows import RowTable, counts
 from tests.procedures.test_reproduce_all import pressed, row, swept, traces, weighed
 
 if TYPE_CHECKING:
@@ -92,7 +89,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
             return pressed(procedure.sample)
         return weighed() if isinstance(procedure, LoadCellSeries) else swept(arrangements[lab.design.name])
 
-    arrangements = {each.design: each for each in experiments.ARRANGEMENTS}
+    arrangements = {each.design: each for each in chapter5.ARRANGEMENTS}
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(propagation, "TRIALS", 2000)
         patch.setattr("matplotlib.figure.Figure.savefig", keep)
@@ -118,7 +115,7 @@ def texts(axes: Axes) -> list[str]:
 
 
 def test_everything_is_measured_judged_and_on_one_page(whole: Whole) -> None:
-    scenes = [arrangement.scene for arrangement in experiments.ARRANGEMENTS]
+    scenes = [arrangement.scene for arrangement in chapter5.ARRANGEMENTS]
     assert [(scene, *by) for scene, procedure, *by in whole.opened if procedure == "sweep-loads"] == [
         (scene, *by) for by in ((None, None), ("surface", "physical"), ("surface", "identified")) for scene in scenes
     ]
@@ -126,7 +123,7 @@ def test_everything_is_measured_judged_and_on_one_page(whole: Whole) -> None:
     assert whole.done.orders == {"single": True, "common_base": True, "different_base": True}
     summary = whole.done.summary()
     assert [(run["parameters"], run["design"]) for run in summary["blind"]["runs"]] == [
-        (parameters, each.design) for parameters in ("physical", "identified") for each in experiments.ARRANGEMENTS
+        (parameters, each.design) for parameters in ("physical", "identified") for each in chapter5.ARRANGEMENTS
     ]
     assert whole.page.count("blind run, ") == 6
     tables = whole.done.all_tables()

@@ -20,14 +20,13 @@ from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
 from palpate.procedures.lab import operator as keys
-from palpate.procedures.measurements.loads.procedure import LoadSweep
-from palpate.procedures.measurements.loads.result import LoadPoint
-from palpate.procedures.measurements.softness.procedure import SoftnessTest
+from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
+from palpate.procedures.measurements.softness import SoftnessTest
+from palpate.procedures.records.chain import HEAD_FILE
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed, header_of, settings_of
 from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_folder import HEAD_FILE
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import new_form
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs

@@ -21,8 +21,7 @@ from palpate.procedures.records.chain import Head
 from palpate.procedures.records.damage import repair
 from palpate.procedures.records.export import export
 from palpate.procedures.records.record import Recorder, put_file
-from palpate.procedures.records.run import Run
-from palpate.procedures.records.run_list import find_run, list_runs
+from palpate.procedures.records.run import Run, find_run, list_runs
 from tests.runs import rehash
 
 NOBODY = 65534

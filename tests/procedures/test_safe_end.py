@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Benches, Palpate, outputs

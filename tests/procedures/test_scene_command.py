@@ -14,7 +14,7 @@ import pytest
 
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.virtual import waveforms as drawing
+from palpate.procedures.virtual import explained as drawing
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms

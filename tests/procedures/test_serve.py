@@ -25,19 +25,20 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.description import read_bench
+from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.contracts.shaker_amplifier import CONTRACT as AMPLIFIER
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.console.progress import Progress
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.lab import open as session
+from palpate.procedures.live.server import serving
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.person import Person, TransactionRate, state_of, status
-from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serving
+from palpate.procedures.virtual.served_bench import TransactionRate, Wish, serve_until_told, state_of, status
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.rig.rig import STANDARD_GRAVITY
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import Scene
+from tests.drivers.test_unknowable import Person
 from tests.procedures.conftest import Palpate, happens_in
 
 STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise

@@ -6,7 +6,8 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
-from palpate.procedures.virtual.served_bench import Wish, serving
+from palpate.procedures.live.server import serving
+from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.scenes.scene import Scene
 

@@ -9,10 +9,9 @@ import pytest
 
 from palpate.drivers.logs.bus_log import RUN
 from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
-from palpate.instrument.contracts.contract import Field, Scaling
+from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
-from palpate.procedures.logs.modbus_shown import Conversation
-from palpate.procedures.logs.shown import read_log
+from palpate.procedures.logs import Conversation, read_log
 from tests.contracts import modbus_contract
 
 THING = modbus_contract(

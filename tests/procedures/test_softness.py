@@ -13,8 +13,15 @@ from palpate.instrument.models.springs import ratio_of_modulus
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model, unknown_object
-from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate, price_of
+from palpate.procedures.measurements.softness import (
+    SoftnessPoint,
+    SoftnessResult,
+    SoftnessTest,
+    default_model,
+    evaluate,
+    price_of,
+    unknown_object,
+)
 from tests.procedures.conftest import Benches, Palpate, refused
 
 SINGLE = get_design("single")

@@ -11,9 +11,7 @@ import palpate
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
-from palpate.procedures.measurements.softness.ranking import ranked_lines
-from palpate.procedures.measurements.softness.result import NotTold, Ranked
+from palpate.procedures.measurements.softness import NotTold, Ranked, SoftnessTest, ranked_lines, unknown_object
 from palpate.testing import steps
 from tests.procedures.conftest import Benches, Palpate, refused
 

@@ -16,9 +16,8 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, lower_limit_factor
+from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, WeightRun, lower_limit_factor
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell_curve import WeightRun
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, displays_u
@@ -37,13 +36,11 @@ from palpate.instrument.signals.rapid_noise import of_greatest
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate
-from palpate.procedures.measurements.frequency import procedure as frequency
-from palpate.procedures.measurements.loads.procedure import floor_of
-from palpate.procedures.measurements.softness import result as softness
-from palpate.procedures.reproduce.judging import criterion as bias
-from palpate.procedures.reproduce.judging.criterion import cells_of, fitted_line
-from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ
-from palpate.procedures.steps.film_point import is_short
+from palpate.procedures.measurements import frequency, softness
+from palpate.procedures.measurements.loads import floor_of
+from palpate.procedures.reproduce import criterion as bias
+from palpate.procedures.reproduce.criterion import cells_of, fitted_line
+from palpate.procedures.steps.film_point import FALSE_ALARMS, forces_differ, is_short
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
 from palpate.procedures.steps.standing import wandered
 from tests.instrument.test_film_forces import FREQUENCY, fitted

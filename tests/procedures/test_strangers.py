@@ -15,7 +15,7 @@ from palpate.instrument.contracts.signal_generator import CONTRACT as GENERATOR
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads.procedure import LoadSweep
+from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.films import FilmRecord, Films
 from palpate.simulators.bench import SimulatedBench

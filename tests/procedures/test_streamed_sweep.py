@@ -10,7 +10,7 @@ import pytest
 import palpate
 from palpate.drivers.bench import Bench
 from palpate.instrument.errors import SafetyError
-from palpate.procedures.measurements.loads.result import SweepResult
+from palpate.procedures.measurements.loads import SweepResult
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene

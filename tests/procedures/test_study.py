@@ -13,11 +13,10 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import BenchError, RangeError, RecordError, UsageError
+from palpate.procedures.console.terminal import silent
 from palpate.procedures.study.description import Value
-from palpate.procedures.study.report import plot_study
-from palpate.procedures.study.results import Results, read_results
+from palpate.procedures.study.results import Results, plot_study, read_results
 from palpate.procedures.study.run import RECORD, Evaluate, Store, one_by_one, run
-from tests.procedures.conftest import silent
 from tests.procedures.studies import GRID, RANDOM, study_from
 
 Cell = Mapping[str, Value]

@@ -7,9 +7,8 @@ from collections import Counter
 import numpy as np
 import pytest
 
-from palpate.procedures.study.block import CellBlock
 from palpate.procedures.study.description import Study
-from palpate.procedures.study.run import one_by_one
+from palpate.procedures.study.run import CellBlock, one_by_one
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.planning import seeds
 from tests.procedures.studies import study_from

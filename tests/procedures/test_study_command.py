@@ -16,10 +16,9 @@ import pytest
 
 from palpate.instrument.config import parse
 from palpate.instrument.errors import PalpateError
-from palpate.procedures.study.block import BlockBuilder
 from palpate.procedures.study.description import StudyFile, study_of
-from palpate.procedures.study.run import attempt
-from palpate.procedures.virtual import executors
+from palpate.procedures.study.run import BlockBuilder, attempt
+from palpate.procedures.virtual import study_cell
 from palpate.procedures.virtual.study_cell import COLUMNS, StudyComputation
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import Palpate, sweep_scene
@@ -151,13 +150,13 @@ def told(palpate: Palpate, out: str, *options: str) -> dict[str, Any]:
 
 
 def test_the_second_call_computes_nothing_and_says_the_same(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(executors, "executor_of", threads)
+    monkeypatch.setattr(study_cell, "executor_of", threads)
     first = told(palpate, "out")
     assert first["simulated"] is True
     assert (first["cells"], first["done"], [each["cell"] for each in first["failed"]]) == (4, 4, [2, 3])
     assert "amplifier clips" in first["failed"][0]["reason"]
     assert first["results"][0]["force_ratio"] == pytest.approx(0.142, rel=0.1)
-    monkeypatch.setattr(executors, "executor_of", lambda *_: pytest.fail("nothing is left to compute"))
+    monkeypatch.setattr(study_cell, "executor_of", lambda *_: pytest.fail("nothing is left to compute"))
     assert told(palpate, "out") == first
     assert first["one_by_one"] == {}
     shown = palpate("study", "small.toml", "--out", "out").out  # as people are told

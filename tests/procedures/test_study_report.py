@@ -6,9 +6,8 @@ from typing import Any
 
 import pytest
 
-from palpate.procedures.study.block import BlockBuilder
-from palpate.procedures.study.report import print_study
-from palpate.procedures.study.results import Results
+from palpate.procedures.study.results import Results, print_study
+from palpate.procedures.study.run import BlockBuilder
 from tests.procedures.studies import GRID, study_from
 
 OUTCOME = {

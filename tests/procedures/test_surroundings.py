@@ -18,7 +18,7 @@ import pytest
 import palpate
 from palpate.instrument import errors
 from palpate.instrument.allocation.table import Allocation, OutOfReach
-from palpate.procedures.virtual.executors import executor_of
+from palpate.procedures.virtual.study_cell import executor_of
 
 PALPATE = str(Path(sys.executable).with_name("palpate"))
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2N", "--quiet")
@@ -58,7 +58,7 @@ def test_a_backend_for_figures_that_is_not_installed_does_not_matter() -> None:
 @pytest.mark.parametrize(("wanted", "found"), [("nonsense", "None"), ("svg", "svg")])
 def test_in_a_script_it_does_not_matter_either_and_one_that_is_installed_stays(wanted: str, found: str) -> None:
     script = (
-        "import os; from palpate.procedures.console.drawing import load_matplotlib; load_matplotlib();"
+        "import os; from palpate.procedures.console.terminal import load_matplotlib; load_matplotlib();"
         "import matplotlib; from matplotlib.figure import Figure; Figure().savefig('figure.png');"
         f"assert str(matplotlib.get_backend(auto_select=False)) == {found!r};"
         f"assert os.environ['MPLBACKEND'] == {wanted!r}"
@@ -103,7 +103,7 @@ def test_where_processes_cannot_be_had_one_thread_computes_whatever_number_of_wo
     def refused(*_: object) -> None:
         raise PermissionError(13, "Permission denied")
 
-    monkeypatch.setattr("palpate.procedures.virtual.executors.ProcessPoolExecutor", refused)
+    monkeypatch.setattr("palpate.procedures.virtual.study_cell.ProcessPoolExecutor", refused)
     with executor_of(4, None) as (executor, count):
         assert count == 1
         assert executor.submit(os.getpid).result() == os.getpid()

@@ -11,7 +11,7 @@ import click
 from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.thesis import contents
 from palpate.procedures.commands.root import palpate as command
-from palpate.procedures.measurements.characterise.definitions import DEFINITIONS, ELSEWHERE
+from palpate.procedures.measurements.characterise.report import DEFINITIONS, ELSEWHERE
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")

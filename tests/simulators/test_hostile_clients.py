@@ -14,7 +14,7 @@ import pytest
 from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import TcpLink
-from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.contracts.field import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene

@@ -12,7 +12,7 @@ from random import Random
 import pytest
 from pymodbus.framer import FramerRTU
 
-from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.contracts.field import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import modbus_server

@@ -8,7 +8,8 @@ from typing import Any
 import pytest
 from pymodbus.constants import ExcCodes
 
-from palpate.instrument.contracts.contract import Field, Manners, Scaling
+from palpate.instrument.contracts.declaration import Manners
+from palpate.instrument.contracts.field import Field, Scaling
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.device import Registers, SimulatedDevice
 from tests.contracts import modbus_contract

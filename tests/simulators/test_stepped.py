@@ -14,7 +14,7 @@ import pytest
 import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator
-from palpate.instrument.contracts.contract import PROBE
+from palpate.instrument.contracts.field import PROBE
 from palpate.simulators.devices.source import SimulatedSignalGenerator
 
 DEVICES = ("signal_generator", "strain_indicator", "sensor_node_1")  # on TCP, on the line, on CAN

@@ -8,7 +8,8 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.contracts.contract import Command, Condition, Field, Mark
+from palpate.instrument.contracts.declaration import Command, Condition, Mark
+from palpate.instrument.contracts.field import Field
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import Refused, SimulatedPlace

@@ -3,37 +3,75 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
-from dataclasses import dataclass, replace
-from functools import partial
+from collections.abc import Callable, Generator, Sequence
+from dataclasses import asdict, dataclass, replace
+from functools import cached_property, partial
 from typing import Annotated
 
+import numpy as np
+import numpy.typing as npt
+
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.allocation.lines import Costs
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.stopping import answer, enough, first_sets
+from palpate.instrument.allocation.table import FIRST, MOST_SETS, ROUNDING, Allocation, RunOption, allocation
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import check_tolerance, counted, show
-from palpate.instrument.sensor.design import Design
+from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.quantity import as_typed, check_tolerance, counted, plus_minus, show
+from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.engine.plan import Plan, Step, point_seconds
-from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
-from palpate.procedures.engine.promise import predicted
+from palpate.instrument.signals.rapid_noise import of_greatest
+from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
+from palpate.procedures.engine.procedure import (
+    RELATIVE,
+    RESULTS,
+    Expected,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+    predicted,
+    until_full,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import probable_load_cell
-from palpate.procedures.lab.lab import Lab, Target
-from palpate.procedures.measurements.characterise.repeats import Conditions, SlopeRepeats, expected_figures
-from palpate.procedures.measurements.characterise.result import (
+from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
+from palpate.procedures.measurements.characterise.report import (
+    DEFINITIONS,
     HOLDING,
     LEAST_DRIFT_POINTS,
     LEAST_LOADS,
     LOADING,
+    RESOLUTION,
+    SCALED,
+    SNR,
+    SPATIAL_RESOLUTION,
     UNLOADING,
     CharacteriseResult,
     FilmsPoint,
+    Sources,
+    cell_component,
+    components,
     evaluate,
+    factor,
+    noise_component,
 )
-from palpate.procedures.measurements.prospects import expected_ratio
+from palpate.procedures.measurements.prospects import (
+    binding,
+    expected_ratio,
+    film_noise,
+    load_on,
+    most_sets,
+    planned_for,
+    reading_u,
+    refusal,
+    share,
+    too_long,
+)
 from palpate.procedures.measurements.settings import (
     DwellTime,
     Frequency,
@@ -42,13 +80,382 @@ from palpate.procedures.measurements.settings import (
     bench_time,
     tolerance_setting,
 )
-from palpate.procedures.measurements.work import DynamicLoadWork
+from palpate.procedures.measurements.work import DynamicLoadWork, Laps
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_increasing, check_time
+from palpate.procedures.showing.plan import duration
+from palpate.procedures.steps.checks import (
+    check_bench_time,
+    check_force,
+    check_frequency,
+    check_increasing,
+    check_time,
+    preload_for,
+)
 from palpate.procedures.steps.film_point import FilmPoint
-from palpate.procedures.steps.films import CHARGE_AMPLIFIER, check_nodes
-from palpate.procedures.steps.laps import Laps
+from palpate.procedures.steps.films import CHARGE_AMPLIFIER, SAMPLES_PER_CYCLE, check_nodes
+
+# --- A tolerance of each film's force sensitivity, or a time: how often the loads are set on the way up
+#
+# The sensitivity is the slope of the line through all load sets. The first sets tell how much they scatter about it,
+# and that tells how many rounds of the loads there are in all, as `instrument.allocation.stopping` has it. The error
+# of the load cell is common to all of them.
+
+# -------------------------------------------------------------------------------------------------------
+# What a characterisation is expected to give: the uncertainty of each figure of merit, by its budget's
+# components
+#
+# A film's gain scatters from load to load as the design says [M], noise is that of the bench file, or of usual films
+# [A], and of the converter's steps, and each load is off by its reading. Linearity, hysteresis and drift are expected
+# to be what scatter and noise make of them.
+
+ROUNDED = 0.12  # relative scatter of a record's noise that is all rounding: an offset passes steps, or stands still [M]
+
+Floats = npt.NDArray[np.float64]
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """Under which conditions a sensor is characterised.
+
+    Attributes:
+        design: the sensor.
+        ratio: expected force ratio of the sample.
+        loads: increasing loads, peak to peak [N].
+        frequency: frequency of the load [Hz].
+        dwell: dwell of each point [s].
+        cell: calibration of the load cell.
+    """
+
+    design: Design
+    ratio: float
+    loads: tuple[float, ...]
+    frequency: float
+    dwell: float
+    cell: LoadCellCalibration
+
+    @property
+    def samples(self) -> int:
+        """Number of samples in each record."""
+        return round(SAMPLES_PER_CYCLE * self.frequency * self.dwell)
+
+    def force(self, film: Film, load: float) -> float:
+        """Force on a film under a load [N, peak to peak]."""
+        return load_on(self.design, film, self.ratio, load)
+
+    def noise(self, film: Film) -> Floats:
+        """Expected error of each load [N] by the film's noise and the converter's steps."""
+        steps = math.sqrt(2 / self.samples) * self.rounding(film)
+        forces = [self.force(film, load) for load in self.loads]
+        relative = [
+            math.hypot(
+                film_noise(film, force, self.dwell, noise_of(self.design)), steps / (film.sensitivity * force / 2)
+            )
+            for force in forces
+        ]
+        return np.array(self.loads) * relative
+
+    def rounding(self, film: Film) -> float:
+        """Standard uncertainty of a sample by rounding to the converter's steps [V].
+
+        They are those of the range that the films are set to for these loads, as `Films` chooses it.
+        """
+        largest = preload_for(self.loads) + max(self.loads) / 2
+        finest, widest = min(RANGE_VOLTS), max(RANGE_VOLTS)
+        range_ = finest if HEADROOM * film.sensitivity * largest <= finest else widest
+        return range_ / FULL_SCALE_COUNTS / math.sqrt(12)
+
+    def apart(self, film: Film) -> Floats:
+        """Expected standard deviation of a load set about the line, as an error of each load [N]."""
+        loads = np.array(self.loads)
+        found: Floats = np.sqrt((film.scatter * loads) ** 2 + self.noise(film) ** 2 + reading_u(self.cell, 1.0) ** 2)
+        return found
+
+
+def expected_figures(
+    of: Conditions,
+    rounds: int,
+    times: Sequence[float],
+    force_limit: float,
+    slope_u: Callable[[Film], float] | None = None,
+) -> list[Expected]:
+    """The uncertainty of each figure of merit.
+
+    Args:
+        of: the conditions.
+        rounds: how often each load is set on the way up.
+        times: times of the points while the middle load is held [s].
+        force_limit: force limit of the bench [N].
+        slope_u: relative uncertainty of the slope of a film's line; None: by the scatter about that line.
+    """
+    found = []
+    for film in of.design.films:
+        sources = _sources(of, film, rounds, times, force_limit)
+        if slope_u is not None:
+            sources = replace(sources, line=Component("line", slope_u(film)))
+        parts = components(sources)
+        for quantity, each in parts.items():
+            u = factor(quantity, 1.0) * math.hypot(*(part.u for part in each))
+            unit = RELATIVE if quantity in SCALED else DEFINITIONS[quantity].unit
+            found.append(Expected(f"{quantity}, {film.name}", u, unit))
+    return [*found, Expected(f"{SPATIAL_RESOLUTION}, sensor", min(of.design.cell) / math.sqrt(12), "m")]
+
+
+def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], force_limit: float) -> Sources:
+    # All uncertainties are in newtons of the load: the slope is one.
+    loads, noise, each = (np.tile(values, rounds) for values in (of.loads, of.noise(film), of.apart(film)))
+    away = loads - loads.mean()
+    weight = 1 - 1 / loads.size - away**2 / float(away @ away)  # of each point's error in the line's residuals
+    scatter = math.sqrt(float(weight @ each**2) / (loads.size - 2))
+    top, span, middle = float(loads.max()), float(np.ptp(loads)), len(of.loads) // 2
+    minutes = np.asarray(times) / 60
+    square = of.rounding(film) ** 2
+    rounded = ROUNDED * square / (square + noise_of(of.design) ** 2 * of.samples / of.dwell / 2)
+    random = 1 / math.sqrt(2 * of.samples)
+    widest = 2 * max(RANGE_VOLTS) * top / (film.sensitivity * of.force(film, top))
+    return Sources(
+        line=Component("line", scatter / float(np.linalg.norm(away))),
+        cell=cell_component(of.cell),
+        noise=noise_component(math.hypot(random, rounded), loads.size, of.samples * loads.size),
+        amplitude=Component("amplitude", noise[-1] / top / math.sqrt(rounds)),
+        residual=Component("noise", random / math.sqrt(rounds)),
+        greatest=Component("greatest of the noise", of_greatest(of.samples) / math.sqrt(rounds)),
+        scatter=Component("scatter", scatter),
+        typical=math.sqrt(float(np.mean(loads**2))),
+        top=top,
+        span=span,
+        rounds=rounds,
+        drift=Component("drift", noise[middle] / of.loads[middle] / float(np.linalg.norm(minutes - minutes.mean()))),
+        by_converter=widest < force_limit,
+    )
+
+
+# --- the repeated rounds -------------------------------------------------------------------------------
+
+READING = "reading of the loads"
+LOAD_CELL = "load cell"
+RESERVE = 1.0  # s, for a round that takes longer than usual
+
+Set = tuple[float, float]  # a load [N], and a film's voltage under it [V]
+
+
+@dataclass(frozen=True)
+class SlopeRepeats:
+    """Rounds of loads that give the force sensitivities a tolerance, or that fill a time.
+
+    Attributes:
+        of: the conditions; the loads are those of one round.
+        costs: bench times of a load set on the way up, and in `start` of all that is beside these sets.
+        after: of that, the time after the last round [s].
+        tolerance: half-width of the 95 % interval of each sensitivity, relative; None: as good as the time allows.
+        time: bench time of the run [s]; None: as long as the tolerance takes.
+        mounts: who mounts the sample, and how long that takes.
+    """
+
+    of: Conditions
+    costs: Costs
+    after: float
+    tolerance: float | None
+    time: float | None
+    mounts: Mounts = BY_HAND
+
+    @cached_property
+    def allocation(self) -> Allocation:
+        """The plan in whole rounds, by the film that needs most of them.
+
+        Raises:
+            RangeError: no number of rounds reaches the tolerance, or not one fits into the time; the message says what
+                would do.
+        """
+        if self.tolerance is not None:
+            plan = _for_tolerance(self, self.tolerance)
+            if self.time is None or plan.seconds <= self.time:
+                return plan
+        return _for_time(self, self.time or 0.0)
+
+    def lines(self, film: Film) -> tuple[BudgetLine, ...]:
+        """Lines of a film's sensitivity."""
+        loads, cell = np.array(self.of.loads), cell_component(self.of.cell)
+        away = loads - loads.mean()
+        weight = math.sqrt(loads.size) * away / float(away @ away)
+
+        def slope_u(each: np.ndarray | float) -> float:
+            """Relative uncertainty of the slope by one load set [1], of errors of the loads [N]."""
+            return float(np.linalg.norm(weight * each))
+
+        return (
+            BudgetLine(SCATTER, slope_u(film.scatter * loads), RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, slope_u(self.of.noise(film)) * math.sqrt(self.of.dwell), RepeatUnit.SECOND),
+            BudgetLine(READING, slope_u(reading_u(self.of.cell, 1.0)), RepeatUnit.SET),
+            BudgetLine(LOAD_CELL, cell.u, RepeatUnit.NOTHING, cell.degrees_of_freedom),
+        )
+
+    @cached_property
+    def most(self) -> int:
+        """The most rounds of a run."""
+        loads = len(self.of.loads)
+        return most_sets(self.allocation, loads) // loads
+
+    def has_enough(self, points: Sequence[FilmsPoint]) -> bool:
+        """Whether no further round is needed, by all points so far."""
+        up = [point for point in points if point.direction == LOADING]
+        if not up or len(up) % len(self.of.loads):
+            return False
+        sets = tuple(_sets(points, number) for number in range(len(self.of.design.films)))
+        return self._known(sets) or self._late(points)
+
+    def found(self, points: Sequence[FilmsPoint]) -> list[Component]:
+        """Relative uncertainty of each film's slope, without that of the load cell; empty: too few sets are valid."""
+        sets = [_sets(points, number) for number in range(len(self.of.design.films))]
+        return [self._line(number, each) for number, each in enumerate(sets) if each]
+
+    def stopped(self, sensitivities: Sequence[tuple[str, float]]) -> str:
+        """Why the run ended, for people; `sensitivities`: each film with the half-width that it reached."""
+        if self.tolerance is None:
+            return f"another round of loads would not have ended within {show(self.time or 0.0, 's')}"
+        within = "" if self.time is None else f" within {show(self.time, 's')}"
+        most = self.tolerance * (1 + ROUNDING)
+        missed = [f"{plus_minus(half, 3)} of film {film}" for film, half in sensitivities if half > most]
+        if not missed:
+            return f"{plus_minus(self.tolerance, 3)} reached{within}"
+        return f"{plus_minus(self.tolerance, 3)} NOT REACHED{within}: {', '.join(missed)}"
+
+    def _known(self, sets: Sequence[Sequence[Set]]) -> bool:
+        """Whether the valid sets of all films reach the tolerance, or no time would."""
+        return self.tolerance is not None and all(
+            len(each) >= FIRST and self._enough(number, each, self.tolerance) for number, each in enumerate(sets)
+        )
+
+    def _enough(self, number: int, sets: Sequence[Set], tolerance: float) -> bool:
+        film, plan = self.of.design.films[number], self.allocation
+        try:
+            verdict = enough(self.lines(film), self.costs, tolerance, plan, 1.0, [self._apart(film, sets)])
+        except RangeError:  # by the scatter that was found no time is enough
+            return True
+        parts = self._line(number, sets), cell_component(self.of.cell)
+        return bool(verdict.why) and Budget("slope", 1.0, "", parts).expanded() <= tolerance * (1 + ROUNDING)
+
+    def _line(self, number: int, sets: Sequence[Set]) -> Component:
+        film, plan = self.of.design.films[number], self.allocation
+        lines = self.lines(film)
+        by_time = self.tolerance is None or len(sets) < first_sets(plan)
+        found = answer(lines, plan, 1.0, [self._apart(film, sets)], by_time=by_time).budget
+        parts = [part for part in found.components if part.name != LOAD_CELL]
+        least = budget([line for line in lines if line.name in (NOISE, READING)], 1, len(sets), plan.dwell).u
+        u = max(math.hypot(*(part.u for part in parts)), least)  # a display may round a load alike in every round
+        return Component("line", u, 1.0, min(part.degrees_of_freedom for part in parts), "A")
+
+    def _apart(self, film: Film, sets: Sequence[Set]) -> list[float]:
+        """How far each set alone would move the slope, as the exponential that the rules of ratios take.
+
+        A residual counts in standard deviations that are expected of it.
+        """
+        loads, volts = (np.array(values) for values in zip(*sets, strict=True))
+        expected = np.interp(loads, self.of.loads, self.of.apart(film))
+        away = loads - loads.mean()
+        square, size = float(away @ away), len(sets)
+        slope = float(away @ volts) / square
+        residuals = volts - volts.mean() - slope * away
+        zeroth, first, second = (float(away**power @ expected**2) for power in range(3))
+        of_line = zeroth / size**2 + 2 * away * first / size / square + (away / square) ** 2 * second
+        own = (1 - 2 / size - 2 * away**2 / square) * expected**2
+        of_set = budget(
+            [line for line in self.lines(film) if line.per is not RepeatUnit.NOTHING], 1, 1, self.of.dwell
+        ).u
+        moved: list[float] = np.exp(of_set * residuals / slope / np.sqrt(own + of_line)).tolist()
+        return moved
+
+    def _late(self, points: Sequence[FilmsPoint]) -> bool:
+        """Whether another round would take longer than the time."""
+        if self.time is None:
+            return False
+        taken = math.fsum(point.seconds or 0.0 for point in points)
+        return taken + self._round + self.after + RESERVE > self.time
+
+    @property
+    def _round(self) -> float:
+        """Bench time of a round [s]."""
+        return len(self.of.loads) * (self.costs.set + self.of.dwell)
+
+    def predicted(self, times: Sequence[float], force_limit: float) -> Predicted:
+        """What the run is predicted to take and to give; a plan for people. Arguments as for `expected_figures`."""
+        plan, loads = self.allocation, len(self.of.loads)
+        rounds = plan.sets // loads
+        figures = expected_figures(self.of, rounds, times, force_limit, self._slope_u)
+
+        def most(quantity: str) -> float:
+            return max(each.u for each in figures if each.name.startswith(f"{quantity}, "))
+
+        dwell, resolution = show(self.of.dwell, "s"), share(most(RESOLUTION), 3)
+        lines = [
+            f"wanted         {self._wanted()}",
+            f"plan           {counted(rounds, 'round')} of {loads} loads up, of {dwell}; then down and held",
+            f"time           {duration(plan.seconds)} ({self.mounts.described(1)})",
+            f"expected       {plus_minus(plan.half, 3)} of each sensitivity at most; u of each resolution "
+            f"{resolution},",
+            f"               of each {SNR} {most(SNR):.2g} dB",
+            binding(plan),
+        ]
+        told = {
+            RESULTS: [asdict(each) for each in figures],
+            "planned": {"rounds": rounds, "sets": plan.sets, "seconds": plan.seconds, "u": plan.u,
+                        "half": plan.half, "binds": plan.binds, "shares": plan.shares},
+        }  # fmt: skip
+        return Predicted(plan.seconds, plan.u, told, lines)
+
+    def _slope_u(self, film: Film) -> float:
+        """Expected relative uncertainty of a film's slope by all load sets of the plan."""
+        plan = self.allocation
+        return budget(
+            [line for line in self.lines(film) if line.per is not RepeatUnit.NOTHING], 1, plan.sets, plan.dwell
+        ).u
+
+    def _wanted(self) -> str:
+        time = "" if self.time is None else show(self.time, "s")
+        if self.tolerance is None:
+            return f"the force sensitivity of each film as good as {time} allow"
+        return f"{plus_minus(self.tolerance, 3)} of the force sensitivity of each film{time and f', within {time}'}"
+
+
+def _sets(points: Sequence[FilmsPoint], number: int) -> tuple[Set, ...]:
+    """The valid load sets of a film on the way up; empty: they are at too few different loads for a slope."""
+    up = [p for p in points if p.direction == LOADING and p.valid]
+    if len({p.load_N for p in up}) < LEAST_LOADS:
+        return ()
+    return tuple((p.load_measured_N, p.voltages_V[number]) for p in up)
+
+
+def _for_time(asked: SlopeRepeats, time: float) -> Allocation:
+    loads, dwell = len(asked.of.loads), asked.of.dwell
+    each = loads * (asked.costs.set + dwell)
+    least = asked.costs.start + each
+    if time < least:
+        raise RangeError(
+            f"--time {as_typed(time, 's')} is too short: one round of {counted(loads, 'load')} and what follows take "
+            f"{least:.0f} s; give more time, a shorter --drift-time, or fewer --loads"
+        )
+    rounds = max(1, math.floor((time - RESERVE - asked.costs.start) / each))
+    if rounds * loads > MOST_SETS:
+        raise too_long(time, "on the way up")
+    plans = [allocation(asked.lines(film), asked.costs, 1, rounds * loads, dwell) for film in asked.of.design.films]
+    return max(plans, key=lambda plan: plan.half)
+
+
+def _for_tolerance(asked: SlopeRepeats, tolerance: float) -> Allocation:
+    ways = {film.name: [RunOption(asked.lines(film), asked.costs, asked.of.dwell)] for film in asked.of.design.films}
+    plans, refused = planned_for(ways, tolerance, len(asked.of.loads))
+    if refused:
+        better = share(tolerance / math.sqrt(2), 3)
+        remedies = [
+            f"or        a better calibration of the load cell: palpate calibrate load-cell --tolerance '{better}'",
+            "note      signal-to-noise ratios and force ratios do not feel the load cell",
+        ]
+        worst = max(refused.values(), key=lambda error: error.best)
+        raise refusal(tolerance, "each force sensitivity", worst, {LOAD_CELL: remedies})
+    return max(plans.values(), key=lambda plan: (plan.sets, plan.half))
+
+
+# --- the procedure -------------------------------------------------------------------------------------
 
 LARGEST_DRIFT_TIME = 86_400.0  # s
 DRIFT_POINTS = 10  # of the load that is held, after the first one

@@ -17,7 +17,7 @@ from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.dcc import TOLD, CertifiedQuantity, dcc
-from palpate.procedures.measurements.load_cell.result import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
+from palpate.procedures.measurements.load_cell.report import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.page import page, pairs, rows, section
 from palpate.procedures.showing.text import STAMP

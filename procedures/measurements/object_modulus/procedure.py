@@ -10,52 +10,302 @@ from functools import partial
 from typing import Annotated, TypeVar
 
 from palpate.drivers.roles import SampleChanger, SensorNode
+from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.stopping import Ratios, StoppingVerdict, answer, enough, first_sets, pooled
+from palpate.instrument.allocation.table import FIRST, OutOfReach
 from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
 from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import RangeError, UsageError
+from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
 from palpate.instrument.findings.object_modulus import answering
+from palpate.instrument.models.curve import RatioCurve
 from palpate.instrument.models.ratio import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
-from palpate.procedures.engine.plan import Plan, Predicted, Step
-from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
-from palpate.procedures.engine.promise import RESULTS, Expected
+from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, noise_of
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Finished,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+)
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, references_on, with_films
-from palpate.procedures.lab.lab import Lab, Target
+from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys
-from palpate.procedures.measurements.object_modulus.course import (
-    Course,
-    ModulusPoint,
-    ObjectModulusResult,
-    mounting_scatter,
-    ratios_of,
-)
 from palpate.procedures.measurements.object_modulus.planning import (
+    BOUND_SETS,
+    CURVE,
+    MOUNTED,
     NEVER_MEASURED,
     ModulusPlans,
+    Prospect,
     Wanted,
+    cost_of_trend,
     costs_of,
     curve_of,
+    end_seconds,
     expected,
+    lines_of,
     missed_by,
     most_sets,
     planned_lines,
     scatter_told,
+    sensitivity_at,
     shortest,
     worth_lines,
 )
+from palpate.procedures.measurements.object_modulus.report import (
+    ModulusPoint,
+    ObjectModulusAnswer,
+    ObjectModulusResult,
+    answered,
+    mounting_scatter,
+    ratios_of,
+)
 from palpate.procedures.measurements.settings import Frequency, bench_time, model_name, tolerance_setting
-from palpate.procedures.measurements.softness.procedure import check_simulated
+from palpate.procedures.measurements.softness import check_simulated
 from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.checks import check_bench_time, check_force, check_frequency, check_time
-from palpate.procedures.steps.dwells import Dwells
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.probe import approach, mount, other_sample, withdraw
+
+# --- The course of a measurement: whether the sets so far are enough, and when the object is mounted again
+
+RESERVE = 1.0  # s, for what takes longer than usual
+NOISY, MATTERS = 1.5, 0.3  # times the planned noise that is told, and the share of the scatter from which on
+IN_A_ROW = 5  # sets that are not valid, after which the measurement ends
+TOO_ALIKE = 0.001  # probability that sets repeat so well by chance, if their gains scatter as the design's do
+
+
+@dataclass(frozen=True, slots=True)
+class Course:
+    """The course of a measurement by its plan.
+
+    Attributes:
+        design: the sensor.
+        question: the model that turns a ratio into a modulus, and the thickness of the object.
+        curve: the curve of that model, corrected by references.
+        wanted: what is asked for.
+        prospect: the plan.
+    """
+
+    design: Design
+    question: RatioQuestion
+    curve: RatioCurve
+    wanted: Wanted
+    prospect: Prospect
+
+    @property
+    def costs(self) -> Costs:
+        """Bench times, by which further mountings and sets are chosen."""
+        return costs_of(self.prospect.allocation.load, self.wanted.frequency, self.wanted.mounts)
+
+    def verdict(self, points: Sequence[ModulusPoint]) -> StoppingVerdict:
+        """Whether the points are enough, and how many mountings and sets there will be in all."""
+        found = self._whatever_it_takes(points)
+        return found if found.why or not points else self._within_time(points, found)
+
+    def _whatever_it_takes(self, points: Sequence[ModulusPoint]) -> StoppingVerdict:
+        """The verdict if time were no matter."""
+        plan, ratios = self.prospect.allocation, ratios_of(points)
+        found = StoppingVerdict(plan.mountings, plan.sets, _unusable(points))
+        if found.why or not ratios:
+            return found
+        slope = self._sensitivity(ratios)
+        if slope is None:
+            why = "the ratio is only good for a bound, however many sets there are"
+            return replace(found, why=why) if sum(map(len, ratios)) >= BOUND_SETS else found
+        if self.wanted.tolerance is None:
+            return found
+        return self._for_tolerance(self.wanted.tolerance, slope, ratios)
+
+    def _for_tolerance(self, tolerance: float, slope: float, ratios: Ratios) -> StoppingVerdict:
+        plan = self.prospect.allocation
+        lines = self._lines(ratios, slope, absolute=not self.wanted.relative)
+        try:
+            found = enough(lines, self.costs, tolerance, plan, slope, ratios)
+        except OutOfReach as error:
+            return StoppingVerdict(plan.mountings, plan.sets, f"by the scatter that was found {error.why}")
+        asked, each = plan.mountings, plan.sets // plan.mountings
+        missing = asked - sum(len(sets) >= each for sets in ratios)  # one that was interrupted does not count
+        if self.wanted.mountings is None or missing <= 0:
+            return found
+        asked = len(ratios) + missing - (len(ratios[-1]) < each)
+        if not found.why and found.mountings >= asked:
+            return found
+        each = each if found.why else max(each, math.ceil(found.sets / asked))
+        return StoppingVerdict(asked, asked * each, "")
+
+    def _within_time(self, points: Sequence[ModulusPoint], found: StoppingVerdict) -> StoppingVerdict:
+        """The verdict; a set that would not fit into the time ends the measurement before it.
+
+        That time is the given one, or else the printed bound, which leaves the first sets of each mounting alone.
+        """
+        bound = self.prospect.times.longest
+        limit = bound if self.wanted.time is None else self.wanted.time
+        if self._seconds_after(points, found) <= limit:
+            return found
+        if self.wanted.time is not None:
+            return replace(found, why=f"another set would not end within {limit:g} s")
+        if self._first_are_due(ratios_of(points)):
+            return found
+        needed = self.costs.seconds(found.mountings, found.sets, self.prospect.allocation.dwell)
+        told = f"the bound of {limit:.0f} s is spent; as the first sets scatter it takes {needed:.0f} s (--time)"
+        return replace(found, why=told)
+
+    def _first_are_due(self, ratios: Ratios) -> bool:
+        """Whether planned mountings lack sets of those that decide how many there are in all."""
+        plan = self.prospect.allocation
+        first = first_sets(plan)
+        return sum(min(len(sets), first) for sets in ratios) < first * (self.wanted.mountings or 1)
+
+    def _seconds_after(self, points: Sequence[ModulusPoint], found: StoppingVerdict) -> float:
+        """Bench time at the end of a measurement that takes another set [s]."""
+        costs, taken = self.costs, math.fsum(point.seconds for point in points)
+        following = costs.set + self.prospect.allocation.dwell
+        following += costs.mounting if mounts_again(points, found) else 0.0
+        return taken + following + end_seconds(self.prospect.allocation.load) + RESERVE
+
+    def remounts(self, points: Sequence[ModulusPoint]) -> bool:
+        """Whether the object is mounted again before the next set."""
+        return mounts_again(points, self.verdict(points))
+
+    def answer(self, points: Sequence[ModulusPoint]) -> ObjectModulusAnswer | None:
+        """The modulus by the valid points; None: there is none. Raises EstimateError."""
+        ratios = ratios_of(points)
+        if not ratios:
+            return None
+        lines = [line for line in self._lines(ratios, 1.0, absolute=False) if line.name != CURVE]
+        by_time = self.wanted.tolerance is None or not self._for_tolerance_ended(ratios)
+        found = answer(lines, self.prospect.allocation, 1.0, ratios, by_time=by_time)
+        return answered(found.ratio, found.budget, self.question, self.prospect.found)
+
+    def notes(self, points: Sequence[ModulusPoint]) -> tuple[str, ...]:
+        """What else to know of the answer, for people."""
+        ratios, found = ratios_of(points), []
+        slope = self._sensitivity(ratios) if ratios else None
+        if ratios and slope is None:
+            low, high = (show(end, "Pa", 2) for end in self.curve.moduli)
+            found.append(
+                f"the ratio is at an end of what model {self.prospect.found.model!r} tells ({low} to {high}): a sensor "
+                "with a ring more like the object, or palpate test modulus, would do better"
+            )
+        if ratios and (late := self._late(points, ratios)):
+            found.append(late)
+        if ratios and (noisy := self._noisy(points)):
+            found.append(noisy)
+        if ratios and self.too_alike(ratios):
+            found.append(
+                "the sets repeat far better than gains are known to scatter from set to set, so that this scatter "
+                "counts for mountings"
+            )
+        return tuple(found)
+
+    def _late(self, points: Sequence[ModulusPoint], ratios: Ratios) -> str:
+        """Why the measurement needed more than the bound, which is enough for most runs; empty: it did not."""
+        bound, plan = self.prospect.times.longest, self.prospect.allocation
+        found, taken = self._whatever_it_takes(points), math.fsum(point.seconds for point in points)
+        within = taken + end_seconds(self.prospect.allocation.load) if found.why else self._seconds_after(points, found)
+        if self.wanted.tolerance is None or within <= bound:
+            return ""
+        expected = math.hypot(self.design.ratio_scatter, self._set_noise)
+        told = f"the {bound:.0f} s that are enough for 95 % of runs were not: sets"
+        if any(len(sets) > 1 for sets in ratios):
+            told += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
+        told += f" were expected to by {100 * expected:.2g} %"
+        if len(ratios) > plan.mountings:
+            told += f"; {len(ratios)} mountings were made, not {plan.mountings}"
+        return told
+
+    @property
+    def _cycles(self) -> int:
+        return round(self.prospect.allocation.dwell * self.wanted.frequency)
+
+    @property
+    def _set_noise(self) -> float:
+        """Relative standard deviation of the ratio of a set by noise that is expected."""
+        noise = expected_noise(self.design, self.prospect.allocation.load, self.prospect.found.ratio)
+        return noise * cost_of_trend(self._cycles) / math.sqrt(self.prospect.allocation.dwell)
+
+    def noise_density(self, points: Sequence[ModulusPoint]) -> float | None:
+        """Amplitude density of the films' noise by the points [V/√Hz]; None: no point is valid."""
+        parts = [point.noise_u / point.force_ratio for point in points if point.valid and point.force_ratio > 0]
+        if not parts:
+            return None
+        measured = math.hypot(*parts) / math.sqrt(len(parts))
+        return noise_of(self.design) * measured / self._set_noise
+
+    def _noisy(self, points: Sequence[ModulusPoint]) -> str:
+        """That films were noisier than the plan says, where it matters; empty: they were not."""
+        density, planned = self.noise_density(points), noise_of(self.design)
+        if density is None or density < NOISY * planned:
+            return ""
+        if self._set_noise * density / planned < MATTERS * self.design.ratio_scatter:
+            return ""
+        told = show(density, "V/√Hz", 2)
+        return (
+            f"noise of the films was {told}, not {show(planned, 'V/√Hz', 2)}: with noise = {told!r} in the bench file"
+            " the next plan has longer dwells"
+        )
+
+    def _for_tolerance_ended(self, ratios: Ratios) -> bool:
+        """Whether the number of sets follows from the scatter of the first ones."""
+        return sum(map(len, ratios)) >= first_sets(self.prospect.allocation)
+
+    def too_alike(self, ratios: Ratios) -> bool:
+        """Whether the sets repeat far better than gains are known to scatter from set to set.
+
+        Then that scatter may come with the mounting instead, and sets do not lower it. What is known of the scatter is
+        an estimate, too: many sets that scatter by half as much are still no sign of that.
+        """
+        freedom = sum(len(each) - 1 for each in ratios)
+        if freedom < FIRST - 1:
+            return False
+        from scipy.special import fdtr
+
+        share = (pooled(0.0, 0.0, *ratios).u / self.design.ratio_scatter) ** 2
+        return float(fdtr(freedom, min(PRIOR_FREEDOM, MOST_FREEDOM), share)) < TOO_ALIKE
+
+    def _sensitivity(self, ratios: Ratios) -> float | None:
+        return sensitivity_at(self.curve, _mean(ratios))
+
+    def _lines(self, ratios: Ratios, slope: float, *, absolute: bool) -> list[BudgetLine]:
+        """The lines of the plan at the measured ratio; a scatter that sets do not show counts for mountings."""
+        found = replace(self.prospect.found, ratio=_mean(ratios), sensitivity=slope)
+        lines = lines_of(self.design, found, self.prospect.allocation.load, self.wanted, absolute, self._cycles)
+        if self.too_alike(ratios):
+            scatter = math.hypot(self.design.ratio_scatter, self.wanted.mounted)
+            mounted = BudgetLine(MOUNTED, slope * scatter, RepeatUnit.MOUNTING, PRIOR_FREEDOM)
+            return [*(line for line in lines if line.name != MOUNTED), mounted]
+        return list(lines)
+
+
+def mounts_again(points: Sequence[ModulusPoint], verdict: StoppingVerdict) -> bool:
+    ratios = ratios_of(points)
+    each = max(1, verdict.sets // verdict.mountings)
+    return bool(ratios) and len(ratios) < verdict.mountings and len(ratios[-1]) >= each
+
+
+def _mean(ratios: Ratios) -> float:
+    """Geometric mean of the geometric means of the mountings."""
+    means = [math.fsum(map(math.log, each)) / len(each) for each in ratios]
+    return math.exp(math.fsum(means) / len(means))
+
+
+def _unusable(points: Sequence[ModulusPoint]) -> str:
+    last = points[-IN_A_ROW:]
+    if len(last) == IN_A_ROW and not any(point.valid for point in last):
+        return f"the last {IN_A_ROW} sets are not valid: {', '.join(last[-1].flags)}"
+    return ""
+
 
 # --- The bench work of the measurement of one object's modulus -----------------------------------------
 

@@ -1,0 +1,495 @@
+"""Film calibration against the load cell: a pin presses each tooth alone, over loads and frequencies.
+
+Thesis 5.4 and A3.1.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Generator, Sequence
+from dataclasses import asdict, dataclass
+from functools import cached_property, partial
+from pathlib import Path
+from typing import Annotated, Any
+
+import numpy as np
+import numpy.typing as npt
+
+from palpate.drivers.roles import SensorNode
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
+from palpate.instrument.allocation.stopping import enough
+from palpate.instrument.allocation.table import Allocation, OutOfReach, RunOption, Table
+from palpate.instrument.calibration.films import (
+    FEWEST,
+    LOAD_CELL,
+    REPEATS,
+    FilmCalibration,
+    FilmReading,
+    calibrate_films,
+)
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.errors import DeviceError, RangeError
+from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
+from palpate.instrument.quantity import check_tolerance, counted, plus_minus, show
+from palpate.instrument.sensor.design import FILM_KINDS, Design
+from palpate.instrument.signals.estimate import SineFit
+from palpate.instrument.uncertainty.budget import Budget
+from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
+from palpate.procedures.engine.procedure import (
+    RESULTS,
+    Expected,
+    Finished,
+    Measurement,
+    Procedure,
+    Report,
+    RequiredLoads,
+    predicted,
+    until_full,
+)
+from palpate.procedures.engine.settings import Setting
+from palpate.procedures.lab.calibrations import keep
+from palpate.procedures.lab.lab import MOUNTING, Lab, Target
+from palpate.procedures.lab.session import CalibrationKeys, Outcome
+from palpate.procedures.measurements import columns
+from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
+from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, most_sets, reading_u, refusal
+from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, tolerance_setting
+from palpate.procedures.measurements.work import DynamicLoadWork
+from palpate.procedures.records.columns import Column, gathered
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
+from palpate.procedures.showing.plan import duration
+from palpate.procedures.showing.text import new_table, percent, stamped
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
+from palpate.procedures.steps.films import check_nodes
+from palpate.procedures.steps.flags import causes
+from palpate.procedures.steps.probe import lower, withdraw
+
+# --- the points and the result of a film calibration ---------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PressedPoint:
+    """One tooth pressed alone. Loads and voltages are peak to peak."""
+
+    tooth: Annotated[int, Column("number of the tooth, from 1")]
+    frequency_Hz: Annotated[float, Column("frequency of the load", "Hz")]
+    load_N: columns.AskedLoad
+    indicator_mV: columns.Indicator
+    load_measured_N: columns.MeasuredLoad
+    load_measured_u: float
+    extrapolated: columns.Extrapolated
+    voltages_V: columns.Volts
+    voltages_u: tuple[float, ...]
+    valid: columns.Valid
+    flags: columns.Flags
+
+
+@dataclass(frozen=True, slots=True)
+class FilmResult:
+    """The calibration and the points that it comes from."""
+
+    calibration: FilmCalibration
+    points: Sequence[PressedPoint]
+
+    @property
+    def achieved_u(self) -> float:
+        """Greatest relative standard uncertainty of a sensitivity."""
+        return max(film.sensitivity_u / film.sensitivity_mV_per_N for film in self.calibration.films)
+
+    @property
+    def reached(self) -> float:
+        """Greatest half-width of the 95 % interval of a sensitivity, relative."""
+        return max(budget.expanded() / budget.value for budget in self.budgets)
+
+    @property
+    def budgets(self) -> Sequence[Budget]:
+        """The budget of each film's sensitivity."""
+        return self.calibration.budgets()
+
+    def summary(self) -> dict[str, Any]:
+        """The calibration for JSON, without its origin."""
+        found = self.calibration.model_dump()
+        return {name: found[name] for name in ("films", "covariance", "crosstalk", "crosstalk_u", "frequencies_Hz",
+                                               "gain", "least_N", "greatest_N", "load_cell", "expires")}  # fmt: skip
+
+
+# --- What a calibration of the films is expected to give: the uncertainty of each film's sensitivity ---
+#
+# A film's gain scatters from load set to load set as the design says [M], noise is that of usual films [A], and each
+# load is off by its reading. The error of the load cell's curve is common to all points.
+
+
+def expected_sensitivities(
+    design: Design, loads: Sequence[float], frequencies: int, dwell: float, cell: LoadCellCalibration
+) -> list[Expected]:
+    """Relative uncertainty of each film's sensitivity.
+
+    Args:
+        design: design of the sensor.
+        loads: load of each load set on a tooth, peak to peak [N].
+        frequencies: how many frequencies they are taken at.
+        dwell: dwell of each point [s].
+        cell: calibration of the load cell.
+    """
+    common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
+    found = []
+    for film in design.films:
+        noise = [film_noise(film, load, dwell, noise_of(design)) for load in loads]
+        points = [
+            math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
+        ]
+        count = len(points) * frequencies * len(film.teeth)
+        scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
+        found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))
+    return found
+
+
+# --- A tolerance of each film's sensitivity: how often the loads are repeated on each tooth ------------
+#
+# The load sets on a tooth take the loads in turn, in whole rounds at each frequency. The first ones tell how much the
+# films' gains scatter, and that tells how many there are in all, as `instrument.allocation.stopping` has it. The
+# error of the load cell's curve is common to all of them.
+
+REMEDIES = {
+    LOAD_CELL: [
+        "or        calibrate the load cell with more weights and runs: palpate calibrate load-cell --runs 3",
+        "or        greater --loads, at which its zero counts for less",
+        "note      a force ratio does not feel the load cell: it cancels in tooth and base",
+    ]
+}
+
+
+@dataclass(frozen=True)
+class FilmRepeats:
+    """The load sets on each tooth that give the sensitivity of its films a tolerance.
+
+    Attributes:
+        design: the sensor.
+        cell: calibration of the load cell.
+        loads: loads of one round, peak to peak [N].
+        frequencies: frequencies of the load [Hz], each of which has as many rounds.
+        dwell: dwell of a set [s].
+        tolerance: half-width of the 95 % interval of each film's sensitivity, relative.
+    """
+
+    design: Design
+    cell: LoadCellCalibration
+    loads: tuple[float, ...]
+    frequencies: tuple[float, ...]
+    dwell: float
+    tolerance: float
+
+    @cached_property
+    def allocation(self) -> Allocation:
+        """The plan for a tooth at one frequency, in whole rounds.
+
+        Raises:
+            RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
+        """
+        try:
+            way = RunOption(self.lines(), self.costs, self.dwell)
+            return Table.of([way], rounds=len(self.loads)).for_tolerance(self.tolerance)
+        except OutOfReach as error:
+            raise refusal(self.tolerance, "each film's sensitivity", error, REMEDIES) from None
+
+    def lines(self) -> list[BudgetLine]:
+        """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
+        worst = max(film.scatter for film in self.design.films)
+        weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
+        share = 1 / math.sqrt(len(self.frequencies))
+        cell_u = self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
+        return [
+            BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
+            BudgetLine(NOISE, share * 2 * noise_of(self.design) / weakest, RepeatUnit.SECOND),
+            BudgetLine(LOAD_CELL, cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
+        ]
+
+    @property
+    def costs(self) -> Costs:
+        """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
+        first = point_seconds(self.frequencies[0], self.dwell, first=True)
+        later = [point_seconds(frequency, self.dwell, first=False) for frequency in self.frequencies]
+        return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - self.dwell)
+
+    def most(self) -> int:
+        """The most load sets on a tooth at one frequency, in whole rounds."""
+        return most_sets(self.allocation, len(self.loads))
+
+    def has_enough(self, points: Sequence[PressedPoint]) -> bool:
+        """Whether the points of a tooth at one frequency are enough for each of its films."""
+        if not points or len(points) % len(self.loads):
+            return False
+        own = [number for number, film in enumerate(self.design.films) if points[0].tooth - 1 in film.teeth]
+        try:
+            return all(self._enough([p.voltages_V[number] / p.load_measured_N for p in points]) for number in own)
+        except RangeError:  # by the scatter that was found no time is enough
+            return True
+
+    def _enough(self, gains: Sequence[float]) -> bool:
+        sensitivity = 1 / math.sqrt(len(self.frequencies))
+        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation, sensitivity, [gains]).why)
+
+    def predicted(self) -> Predicted:
+        """What the run is predicted to take and to give; a plan for people."""
+        plan, teeth = self.allocation, len(self.design.teeth)
+        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
+        lines = [
+            f"wanted         {plus_minus(self.tolerance, 3)} of the sensitivity of each film",
+            f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
+            f"(person {MOUNTING * teeth:g} s)",
+            f"expected       {plus_minus(plan.half, 3)}",
+            binding(plan),
+        ]
+        loads = self.loads * (plan.sets // len(self.loads))
+        results = expected_sensitivities(self.design, loads, len(self.frequencies), self.dwell, self.cell)
+        told = {
+            RESULTS: [asdict(each) for each in results],
+            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "half": plan.half,
+                        "binds": plan.binds, "shares": plan.shares},
+        }  # fmt: skip
+        return Predicted(seconds, plan.u, told, lines)
+
+
+# --- the procedure -------------------------------------------------------------------------------------
+
+
+@dataclass(frozen=True, slots=True)
+class PressStep(Step):
+    """One load at one frequency on one tooth, which is numbered from 1."""
+
+    tooth: int
+    frequency_Hz: float
+    load_N: float
+
+
+@dataclass(frozen=True)
+class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | None]):
+    """Calibrate the films against the load cell: press on one tooth after the other."""
+
+    name = "calibrate-films"
+    point = PressedPoint
+    calibrates = True
+    calibrating = "films"
+    manual_work = "stands the pin on the teeth"
+
+    loads: LoadSets = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)
+    frequencies: Annotated[tuple[float, ...], Setting("Hz", "Frequencies of the load, with commas.")] = (10.0,)
+    dwell: DwellTime = 1.0
+    valid_days: ValidDays = 365
+    extrapolate: Extrapolate = False
+    tolerance: Annotated[
+        float | None,
+        tolerance_setting("of each film's sensitivity; --loads are repeated until it is reached."),
+    ] = None
+
+    def check(self, target: Target) -> None:
+        """Check the settings before anything is sent to a device.
+
+        Raises:
+            RangeError: there are fewer than three different loads, a load exceeds the force limit, a frequency or the
+                dwell is outside its limits, frequencies repeat, the validity is outside its limits, or the bench has
+                too few sensor nodes; no load set gives the tolerance.
+        """
+        check_nodes(target.design, target.nodes, target.channels)
+        if len(set(self.loads)) < FEWEST:
+            different = counted(len(set(self.loads)), "load") if self.loads else "no load"
+            raise RangeError(f"{different} cannot show linearity and scatter; use at least {FEWEST} different ones")
+        check_force(self.loads, target.force_limit)
+        check_increasing("loads", self.loads, "N", repeated=True)
+        if not self.frequencies or len(set(self.frequencies)) < len(self.frequencies):
+            given = ", ".join(f"{frequency:g}" for frequency in self.frequencies) or "none"
+            raise RangeError(f"frequencies (Hz): {given}; give at least one, and each only once")
+        for frequency in self.frequencies:
+            check_frequency(frequency, target)
+            check_time(self.dwell, frequency)
+        if not 1 <= self.valid_days <= LONGEST_VALIDITY:
+            raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
+        if self.tolerance is not None:
+            check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
+
+    def required_loads(self) -> RequiredLoads:
+        return RequiredLoads(self.loads, self.extrapolate)
+
+    def plan(self, target: Target) -> Plan[PressStep, FilmRepeats | None]:
+        """All points: every load at every frequency on every tooth; with a tolerance, the most load sets."""
+        cell = load_cell_of(target)
+        if self.tolerance is not None:
+            loads, frequencies = tuple(self.loads), tuple(self.frequencies)
+            return self._repeated(FilmRepeats(target.design, cell, loads, frequencies, self.dwell, self.tolerance))
+        teeth = range(1, len(target.design.teeth) + 1)
+        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        steps = [
+            self._step(n, frequency, load, told, first=frequency == self.frequencies[0] and not number)
+            for n in teeth
+            for frequency in self.frequencies
+            for number, (load, told) in enumerate(sets)
+        ]
+        found = expected_sensitivities(target.design, self.loads, len(self.frequencies), self.dwell, cell)
+        return Plan(self.name, steps, predicted(steps, found))
+
+    def _repeated(self, repeats: FilmRepeats) -> Plan[PressStep, FilmRepeats | None]:
+        loads = [self.loads[number % len(self.loads)] for number in range(repeats.most())]
+        steps = [
+            self._step(n, f, load, f"{load:g} N, set {number}", first=f == self.frequencies[0] and number == 1)
+            for n in range(1, len(repeats.design.teeth) + 1)
+            for f in self.frequencies
+            for number, load in enumerate(loads, 1)
+        ]
+        return Plan(self.name, steps, repeats.predicted(), repeats)
+
+    def course(
+        self, plan: Plan[PressStep, FilmRepeats | None], points: Sequence[PressedPoint], lab: Lab
+    ) -> Generator[int, None, str]:
+        """Each tooth ends at a frequency once it has the load sets that the tolerance needs."""
+        repeats = plan.basis
+
+        def full(_step: PressStep, own: Sequence[PressedPoint]) -> bool:
+            return repeats is not None and repeats.has_enough(own)
+
+        return until_full(plan.steps, points, lambda step: (step.tooth, step.frequency_Hz), full)
+
+    def _step(self, tooth: int, frequency: float, load: float, told: str, first: bool) -> PressStep:
+        what = f"tooth {tooth}, {frequency:g} Hz, {told}"
+        seconds = point_seconds(frequency, self.dwell, first)
+        return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
+
+    def begin(self, plan: Plan[PressStep, FilmRepeats | None], lab: Lab, record: Recorder) -> Pressing:
+        return Pressing(lab, record, self)
+
+    def evaluate(
+        self, points: Sequence[PressedPoint], plan: Plan[PressStep, FilmRepeats | None], lab: Lab
+    ) -> FilmResult:
+        readings = [
+            FilmReading(
+                p.tooth - 1, p.frequency_Hz, p.load_N, p.load_measured_N, p.load_measured_u, np.array(p.voltages_V)
+            )
+            for p in points
+        ]
+        origin = lab.origin(SensorNode, self.valid_days)
+        return FilmResult(calibrate_films(lab.design, readings, lab.calibration, origin), points)
+
+    def save_calibration(self, done: Finished[FilmResult]) -> CalibrationKeys:
+        found = done.result.calibration
+        path = keep(found, done.folder, done.replayed)
+        return {"film_calibration": found.source, "film_calibration_file": str(path)}
+
+    def report(self, result: FilmResult, lab: Lab) -> Report:
+        return Report(partial(show_films, result, lab.design), partial(plot_films, result, lab.design))
+
+
+class Pressing(DynamicLoadWork):
+    """The bench work: presses one tooth after the other with a pin."""
+
+    def __init__(self, lab: Lab, record: Recorder, series: FilmSeries) -> None:
+        super().__init__(lab, record, series.loads, series.frequencies[0], extrapolate=series.extrapolate)
+        self._dwell = series.dwell
+        self._preloaded = 0.0
+        self._driven: tuple[int, float] | None = None
+
+    def arrange(self, step: PressStep) -> None:
+        bench = self.lab.bench
+        withdraw(bench)
+        bench.operator.press_tooth(step.tooth - 1)
+        self._preloaded = lower(bench, self.lab.calibration, self.preload, f"tooth {step.tooth}")
+
+    def take(self, step: PressStep) -> Measurement[PressedPoint]:
+        if self._driven != (step.tooth, step.frequency_Hz):
+            self._driven = step.tooth, step.frequency_Hz
+            self.films.set_frequency(step.frequency_Hz)
+            self.hold(self._preloaded)
+        design = self.lab.design
+        measured = self.load_set(step.load_N, step.what, self._dwell, compare=False)
+        point = gathered(
+            PressedPoint, step, measured,
+            extrapolated=not self.lab.calibration.covers(step.load_N),
+            voltages_V=tuple(_voltages(design, step.tooth - 1, measured.fit).tolist()),
+            voltages_u=tuple((2 * measured.fit.amplitude_u).tolist()),
+        )  # fmt: skip
+        why = f"{step.what}: the point is not valid, and a calibration needs each. {causes(measured.flags)}"
+        return self.measurement(point, measured, None if measured.valid else DeviceError(why))
+
+
+def _voltages(design: Design, tooth: int, fit: SineFit) -> npt.NDArray[np.float64]:
+    """Voltages of all films, peak to peak, shape (films,) [V], while one tooth is pressed.
+
+    For the films of other teeth it is the signed part in phase with the pressed tooth's film. An amplitude is never
+    negative, so that noise alone would look like crosstalk.
+    """
+    own = np.array([tooth in film.teeth for film in design.films])
+    part = np.cos(fit.phase - fit.phase[np.argmax(own)])
+    return 2 * fit.amplitude * np.where(own, 1.0, part)
+
+
+# --- what it shows -------------------------------------------------------------------------------------
+
+
+def show_films(result: FilmResult, design: Design, outcome: Outcome) -> list[object]:
+    """Each film's results, the crosstalk between several teeth, and the gain over several frequencies."""
+    c = result.calibration
+    table = new_table(
+        stamped(c.simulated, f"Film calibration, design {c.design}"),
+        "film", "mV/N", "u mV/N", "design's mV/N", "clamping", "linearity", "degrees of freedom",
+    )  # fmt: skip
+    for film, own in zip(c.films, design.films, strict=True):
+        table.add_row(
+            film.name,
+            f"{film.sensitivity_mV_per_N:z.3f}",
+            f"{film.sensitivity_u:z.3f}",
+            f"{1e3 * own.sensitivity:z.3f}",
+            f"{film.clamping:z.3f}",
+            f"{100 * film.linearity:z.2f} %",
+            f"{film.degrees_of_freedom}",
+        )
+    tables: list[Any] = [table]
+    if len(design.teeth) > 1:
+        teeth = range(1, len(design.teeth) + 1)
+        crosstalk = new_table(stamped(c.simulated, "Crosstalk"), "film \\ tooth", *map(str, teeth))
+        for name, row in zip(_rigid(design), c.crosstalk, strict=True):
+            crosstalk.add_row(name, *(f"{value:z.4f}" for value in row))
+        tables.append(crosstalk)
+    if len(c.frequencies_Hz) > 1:
+        gain = new_table(stamped(c.simulated, "Gain"), "film", *(f"{frequency:g} Hz" for frequency in c.frequencies_Hz))
+        for film, row in zip(c.films, c.gain, strict=True):
+            gain.add_row(film.name, *(f"{value:z.4f}" for value in row))
+        tables.append(gain)
+    outside = sum(point.extrapolated for point in result.points)
+    return [
+        *tables,
+        *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
+        f"uncertainty    {plus_minus(result.reached)} of a sensitivity at most; u {percent(result.achieved_u)} %"
+        f"{_predicted(outcome)}",
+        f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
+        f"stored in      {outcome['film_calibration_file']}",
+    ]
+
+
+def _predicted(outcome: Outcome) -> str:
+    u = outcome["predicted_u"]
+    return "" if u is None else f" (predicted {percent(u)} %)"
+
+
+def _rigid(design: Design) -> list[str]:
+    return [film.name for film in design.films if film.kind == FILM_KINDS[0]]
+
+
+def plot_films(result: FilmResult, design: Design, folder: Path) -> Path:
+    """Plot each film's voltages against the load, with its line, and their deviation from it; returns the PNG file."""
+    c = result.calibration
+    figure, (left, right) = new_figure(c.simulated, 2, f"film calibration, design {c.design}")
+    for number, (film, own) in enumerate(zip(c.films, design.films, strict=True)):
+        mine = [p for p in result.points if p.tooth - 1 in own.teeth]
+        (load, load_u), (volts, u) = with_u(mine, "load_measured_N"), with_u(mine, "voltages_V", 1e3, number)
+        marker = MARKERS[number % len(MARKERS)]
+        look: dict[str, Any] = {"fmt": marker, "ms": 4, "lw": 1, "capsize": 2}
+        left.errorbar(load, volts, u, load_u, **look, label=f"{film.name}: {film.sensitivity_mV_per_N:.3g} mV/N")
+        by_line = [100 / (film.sensitivity_mV_per_N * x) for x in load]
+        off = [each * y - 100 for each, y in zip(by_line, volts, strict=True)]
+        right.errorbar(load, off, [each * y for each, y in zip(by_line, u or (), strict=True)], load_u, **look)
+        ends = [0.0, max(load)]
+        left.plot(ends, [film.sensitivity_mV_per_N * x for x in ends], "k-", lw=0.7)
+    left.set(xlabel="load peak to peak (N)", ylabel="film voltage peak to peak (mV; bars: u)")
+    right.axhline(0, color="k", lw=1)
+    right.set(xlabel="load peak to peak (N)", ylabel="deviation from the line (%; bars: u)")
+    name_all(left, 2)
+    return save(figure, folder)

@@ -1,1 +1,0 @@
-"""Calibration of the films against the load cell."""

@@ -1,1 +1,0 @@
-"""Frequency sweep of the films and of the drive."""

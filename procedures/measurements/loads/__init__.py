@@ -1,1 +1,0 @@
-"""The load sweep: force ratios of samples under several loads."""

@@ -1,1 +1,0 @@
-"""Young modulus of a sample by compression."""

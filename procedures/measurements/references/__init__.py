@@ -1,1 +1,0 @@
-"""Calibration of a sensor model by references, objects of known modulus."""

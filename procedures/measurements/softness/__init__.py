@@ -1,1 +1,0 @@
-"""The softness test: Young moduli of unknown objects from their force ratios."""

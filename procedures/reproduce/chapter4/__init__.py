@@ -1,1 +1,0 @@
-"""The thesis' models and their tables beside our models."""

@@ -1,1 +1,0 @@
-"""The thesis' experiments beside experiments on the simulated bench."""
