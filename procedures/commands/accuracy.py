@@ -198,8 +198,7 @@ def scene_command(
     whole scene with the same noise. Of all subsets only these are tried, as many as there are effects.
     """
     from palpate.procedures.showing.figure import check_picture
-    from palpate.procedures.virtual.explained import SceneFront, plot_front, print_front
-    from palpate.simulators.planning.plan import Question
+    from palpate.procedures.virtual.explained import Question, SceneFront, plot_front, print_front
 
     output = Output(as_json, quiet)
     check_picture(out)

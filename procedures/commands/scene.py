@@ -64,8 +64,7 @@ def explain(
     Of each effect, in the scene or not, it is measured how much force and force ratio change without it, or with it;
     with --prices also the processor time that those in the scene add, once and for each second of bench.
     """
-    from palpate.procedures.virtual.explained import Explained, print_explained
-    from palpate.simulators.planning.plan import Question
+    from palpate.procedures.virtual.explained import Explained, Question, print_explained
 
     output = Output(as_json, quiet)
     with output.prices(), output.progress("the path") as progress:
@@ -135,8 +134,8 @@ def plot(
     scene: str, sample: str, load: float, frequency: float, periods: int, out: Path | None, as_json: bool, quiet: bool
 ) -> None:
     """Draw the waveforms at each stage of a scene, from the shaker's coil to the samples of the sensor nodes."""
+    from palpate.procedures.virtual.explained import Question
     from palpate.procedures.virtual.explained import plot as plot_waveforms
-    from palpate.simulators.planning.plan import Question
 
     output = Output(as_json, quiet)
     found = plot_waveforms(scene, Question(sample, load, frequency), periods, out)
