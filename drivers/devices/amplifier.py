@@ -14,7 +14,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts import shaker_amplifier
-from palpate.instrument.contracts.field import Value
+from palpate.instrument.contracts.contract import Value
 from palpate.instrument.contracts.shaker_amplifier import SETTINGS
 from palpate.instrument.errors import BenchInUse, DeviceError, SafetyError, SettingsLost, Unfed
 

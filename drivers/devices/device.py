@@ -11,9 +11,8 @@ from typing import TYPE_CHECKING, Any, Protocol, Self, TypeVar
 
 from palpate.drivers.clock import Clock
 from palpate.drivers.links.modbus import BASIC, EXTENDED, REGULAR, read_identity
-from palpate.instrument.contracts.contract import NOTHING, Contract
-from palpate.instrument.contracts.declaration import Command, Condition, Mark
-from palpate.instrument.contracts.field import Value, told_text
+from palpate.instrument.contracts.contract import NOTHING, Command, Condition, Contract, Mark, Value
+from palpate.instrument.contracts.field import told_text
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, UsageError
 
 if TYPE_CHECKING:

@@ -19,7 +19,8 @@ from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.exciter import Exciter
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
-from palpate.instrument.contracts.pdo import MOST_CYCLIC, Pdo
+from palpate.instrument.contracts.contract import Pdo
+from palpate.instrument.contracts.pdo import MOST_CYCLIC
 from palpate.instrument.errors import DeviceError, LinkError, RangeError, SafetyError, Unfed
 
 QUIET = 10.0, 0.0  # Hz, V: a sine with no amplitude

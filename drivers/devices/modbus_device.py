@@ -19,8 +19,7 @@ from palpate.drivers.devices.device import (
 )
 from palpate.drivers.devices.layouts import Read, ReadRequests, Write, companions, reading, write
 from palpate.drivers.links.modbus import ACKNOWLEDGED, READS, SELDOM, SOON, WRITES, ModbusLink, confirms
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import PROBE, Value
+from palpate.instrument.contracts.contract import PROBE, Contract, Value
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError, LinkTimeout
 
 WRITES_REGISTERS = 16  # function code

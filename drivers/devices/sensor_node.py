@@ -18,8 +18,7 @@ from palpate.drivers.links.can import CanLink, FrameCallback
 from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.pdo import Pdo
+from palpate.instrument.contracts.contract import Contract, Pdo
 from palpate.instrument.contracts.sensor_node import (
     CHANNELS,
     FULL_SCALE_COUNTS,

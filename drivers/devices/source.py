@@ -8,7 +8,7 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.contracts import signal_generator
-from palpate.instrument.contracts.field import Value
+from palpate.instrument.contracts.contract import Value
 from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
 from palpate.instrument.errors import BenchError, DeviceError, RangeError
 

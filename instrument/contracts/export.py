@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from palpate.instrument.additions import library
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import Field, Value
+from palpate.instrument.contracts.contract import Contract, Field, Value
 from palpate.instrument.contracts.pdo import Pdo, is_relative
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
 from palpate.instrument.errors import RecordError, reason

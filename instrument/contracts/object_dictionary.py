@@ -8,8 +8,7 @@ from typing import Any
 import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.contracts.pdo import MOST_ENTRIES, PDOS, SENT, TAKEN, Pdo
 
 _TYPES = {

@@ -6,9 +6,7 @@ target.
 
 from __future__ import annotations
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import Field, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 CONTRACT = Contract(
     name="positioner",

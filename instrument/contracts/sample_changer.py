@@ -5,9 +5,7 @@ A sample is ordered by its name. A tag reader tells the name of what lies under 
 
 from __future__ import annotations
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import Access, Field, probe
+from palpate.instrument.contracts.contract import Access, Contract, Field, Identity, probe
 
 PLACES = 8  # [A]
 TRAVEL = 0.1  # m, travel of the carriage for any exchange [A]

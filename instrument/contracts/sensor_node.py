@@ -10,10 +10,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import Field, probe, sdo
-from palpate.instrument.contracts.pdo import Pdo
+from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
 
 CHANNELS = 4
 SYNC_PRODUCER = 0x4000_0000

@@ -9,9 +9,7 @@ amplifier has no owner, any request feeds the watchdog.
 
 from __future__ import annotations
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import Field, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 SETTINGS = {"gain": 0x10, "current_limit": 0x11, "enable": 0x12, "clear_faults": 0x13, "watchdog": 0x14}
 WHOLE = 2**32 - 1

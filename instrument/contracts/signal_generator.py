@@ -6,9 +6,7 @@ counts the writes that it takes, so that a client notices when another one write
 
 from __future__ import annotations
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import Field, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 LARGEST_PEAK = 10.0  # V, amplitude + |offset|
 

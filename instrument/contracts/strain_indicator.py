@@ -6,9 +6,7 @@ before a command can be repeated, and the status tells the last command and its 
 
 from __future__ import annotations
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import Field, probe
+from palpate.instrument.contracts.contract import Contract, Field, Identity, probe
 
 COMMANDS = {"idle": 0, "zero": 1, "clear_zero": 2, "tare": 3, "clear_tare": 4}
 

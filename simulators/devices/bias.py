@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate.instrument.bench.role_maps.bias import BiasMap
-from palpate.instrument.contracts.declaration import Command
+from palpate.instrument.contracts.contract import Command
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
 

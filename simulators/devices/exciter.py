@@ -8,8 +8,7 @@ from typing import Any
 import numpy as np
 
 from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
-from palpate.instrument.contracts.field import Field
-from palpate.instrument.contracts.pdo import Pdo
+from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.simulators.clock import NEVER
 from palpate.simulators.devices.positioner import OF_THE_STATE, DriveState
 from palpate.simulators.devices.twin import CanopenTwin

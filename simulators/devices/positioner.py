@@ -9,9 +9,7 @@ from typing import Any
 from palpate.instrument.bench.role_maps.positioner import PositionerMap, PositionerSettings, State
 from palpate.instrument.bench.role_maps.steps import ramp_of, speed_of
 from palpate.instrument.contracts import positioner
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Command
-from palpate.instrument.contracts.field import Field, sdo
+from palpate.instrument.contracts.contract import Command, Contract, Field, sdo
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import CanopenTwin, Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice, SimulatedPlace

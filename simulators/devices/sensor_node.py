@@ -13,8 +13,8 @@ import numpy.typing as npt
 from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
-from palpate.instrument.contracts.declaration import Command
-from palpate.instrument.contracts.field import Field, codec
+from palpate.instrument.contracts.contract import Command, Field
+from palpate.instrument.contracts.field import codec
 from palpate.instrument.contracts.sensor_node import CHANNELS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock

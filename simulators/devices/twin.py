@@ -5,9 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any, Self
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Command, Condition
-from palpate.instrument.contracts.field import Field, Value
+from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Value
 from palpate.simulators.wire.canopen_device import SimulatedNode
 from palpate.simulators.wire.device import SimulatedDevice, SimulatedPlace, first_settings
 

@@ -13,7 +13,7 @@ from palpate.instrument.bench.kinds import KINDS, DeviceKind
 from palpate.instrument.bench.links import CAN, LINE
 from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
 from palpate.instrument.config import check
-from palpate.instrument.contracts.field import sdo
+from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Seconds
 from palpate.simulators.faults import FAULTS, fault_class

@@ -10,9 +10,8 @@ import canopen
 from canopen.sdo.exceptions import SdoAbortedError
 
 from palpate.instrument.bench.links import leave
-from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.contract import Field, Pdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.simulators.wire.can_bus import LockedNetwork, open_bus
 from palpate.simulators.wire.canopen_device import VALUE_RANGE, SdoServer, SimulatedNode
 

@@ -14,8 +14,8 @@ from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer as CanopenSdoServer
 
 from palpate.instrument.bench.can_block import Octets
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import Field, codec, sdo
+from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
+from palpate.instrument.contracts.field import codec
 from palpate.instrument.contracts.pdo import (
     AT_SYNC,
     COB_ID,
@@ -25,7 +25,6 @@ from palpate.instrument.contracts.pdo import (
     PDOS,
     SENT,
     TRANSMISSION_TYPE,
-    Pdo,
     is_relative,
 )
 from palpate.simulators.clock import VirtualClock

@@ -12,8 +12,8 @@ from typing import Any, ClassVar, NamedTuple, Self
 from pymodbus.constants import ExcCodes
 
 from palpate.instrument.bench.kinds import DeviceKind, Role
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import BITS, READS, WRITES, Field, Table
+from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.field import BITS, READS, WRITES, Table
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 

@@ -9,8 +9,7 @@ from pydantic import AfterValidator, Field, model_validator
 from palpate.instrument.bench.role_maps.role_map import RoleMap
 from palpate.instrument.bench.role_maps.steps import RAMPS, SPEEDS
 from palpate.instrument.config import Config
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Condition
+from palpate.instrument.contracts.contract import Condition, Contract
 from palpate.instrument.quantity import Metres
 
 SHORTEST, LONGEST = 1e-12, 1e-3  # m that a step can be

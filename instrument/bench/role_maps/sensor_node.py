@@ -9,9 +9,8 @@ from pydantic import Field
 
 from palpate.instrument.bench.role_maps.role_map import RoleMap
 from palpate.instrument.config import Config
-from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.contract import Contract, sdo
 from palpate.instrument.contracts.field import Field as ContractField
-from palpate.instrument.contracts.field import sdo
 
 SYNC_COB_ID, SYNC_PERIOD = sdo(0x1005), sdo(0x1006)  # CiA 301
 VOLTS = {"V": 1.0, "mV": 1e-3}  # units in which a node may tell volts itself

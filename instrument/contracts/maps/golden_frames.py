@@ -12,8 +12,7 @@ from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.contracts.maps import frames
 from palpate.instrument.contracts.maps.map_file import GoldenFrame, WireMessage
 from palpate.instrument.errors import ConfigError, PalpateError, RangeError, UnknownName, named

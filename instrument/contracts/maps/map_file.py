@@ -15,10 +15,20 @@ from pydantic import AfterValidator, BeforeValidator, PlainValidator, Strict, cr
 from pydantic import Field as Key
 
 from palpate.instrument.config import MOST_PROBLEMS, Config, Name, check, parse, read_bytes
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import ITSELF, USUAL, Command, Condition, Identity, Manners, Mark
-from palpate.instrument.contracts.field import Field, Scaling, Value, sdo
-from palpate.instrument.contracts.pdo import Pdo
+from palpate.instrument.contracts.contract import (
+    Command,
+    Condition,
+    Contract,
+    Field,
+    Identity,
+    Manners,
+    Mark,
+    Pdo,
+    Scaling,
+    Value,
+    sdo,
+)
+from palpate.instrument.contracts.declaration import ITSELF, USUAL
 from palpate.instrument.errors import ConfigError
 
 # --- rates of serial lines and CAN buses [bit/s], alike in a map and in a bench file ---------------------
