@@ -29,6 +29,7 @@ if TYPE_CHECKING:
         SampleChanger,
         SensorNode,
     )
+    from palpate.instrument.arrays import Floats
     from palpate.instrument.bench.description import BenchDescription, read_bench
     from palpate.instrument.bench.kinds import DeviceKind
     from palpate.instrument.calibration.films import FilmCalibration
@@ -57,7 +58,7 @@ if TYPE_CHECKING:
     from palpate.procedures.steps.probe import press, withdraw
     from palpate.procedures.steps.servo import LoadServo
     from palpate.simulators.linear.periodic import sine
-    from palpate.simulators.physics.effect import Bound, Floats, Kind
+    from palpate.simulators.physics.effect import Bound, Kind
     from palpate.simulators.physics.stages import (
         AmplifierEffect,
         CanEffect,
@@ -89,6 +90,7 @@ _PLACES = {
     "drivers.devices.modbus_device": "ModbusDevice",
     "drivers.devices.sensor_node": "Recording",
     "drivers.roles": "Bias Chamber Exciter LoadIndicator Positioner ProbeStage SampleChanger SensorNode",
+    "instrument.arrays": "Floats",
     "instrument.bench.description": "BenchDescription read_bench",
     "instrument.bench.kinds": "DeviceKind",
     "instrument.calibration.films": "FilmCalibration",
@@ -117,7 +119,7 @@ _PLACES = {
     "procedures.steps.probe": "press withdraw",
     "procedures.steps.servo": "LoadServo",
     "simulators.linear.periodic": "sine",
-    "simulators.physics.effect": "Bound Floats Kind",
+    "simulators.physics.effect": "Bound Kind",
     "simulators.physics.stages": "AmplifierEffect CanEffect CellEffect ConverterEffect DriveEffect FilmsEffect"
     " HysteresisEffect InputEffect LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect"
     " StackEffect",

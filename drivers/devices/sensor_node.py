@@ -15,6 +15,7 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.links.can import CanLink, FrameCallback
+from palpate.instrument.arrays import Floats
 from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
@@ -60,7 +61,6 @@ Pieces = Generator[list[Recording], None, None]
 # -------------------------------------------------------------------------------------------------------
 # The readings in the frames of a node that samples: integers, their scale, and where they are saturated
 
-Floats = npt.NDArray[np.float64]
 Kept = Sequence[tuple[int, bytes]]
 """Frames, each with the number of the SYNC before it."""
 BROKEN = -1  # number of a frame of a wrong size

@@ -10,13 +10,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.config import Config
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
-
-Floats = npt.NDArray[np.float64]
 
 NOT_CLASSIFIABLE = "not classifiable"
 

@@ -11,12 +11,10 @@ import math
 from dataclasses import replace
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate, polynomials
 from palpate.instrument.uncertainty.rounding import mean_u, sums_u
-
-Floats = npt.NDArray[np.float64]
 
 SLOPES = 41
 """Number of slopes that are tried. Over all of them the readings move by less than a step against each other."""

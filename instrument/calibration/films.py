@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.config import Config, Name, NotNegative, Positive, check
@@ -19,7 +19,6 @@ from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.instrument.uncertainty.interpolation import interpolate
 
-Floats = npt.NDArray[np.float64]
 FEWEST = 3  # least number of points for each film; fewer do not show the scatter
 REPEATS, LOAD_CELL = "scatter from one load set to the next", "load cell"
 

@@ -13,8 +13,8 @@ from dataclasses import dataclass
 from types import MappingProxyType
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts import positioner
 from palpate.instrument.errors import EstimateError
@@ -22,7 +22,6 @@ from palpate.instrument.findings.load_line import DisplaySeries, LoadLine
 from palpate.instrument.uncertainty.budget import Correlations
 from palpate.instrument.uncertainty.propagation import LINEAR, Input, Propagated, propagate
 
-Floats = npt.NDArray[np.float64]
 Values = Mapping[str, Floats]  # inputs by name, each (n,)
 
 POSITION_STEP = positioner.CONTRACT["target"].scale  # m

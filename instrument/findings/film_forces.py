@@ -9,12 +9,12 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit, quotient_bias
 
-Floats = npt.NDArray[np.float64]
 LEAST_SIGNAL = 3.0
 """Least signal of a base film, in standard uncertainties by noise: a smaller one is no denominator."""
 

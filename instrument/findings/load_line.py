@@ -7,15 +7,13 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.uncertainty.budget import Correlations
 from palpate.instrument.uncertainty.interpolation import interpolate
 from palpate.instrument.uncertainty.propagation import Input
-
-Floats = npt.NDArray[np.float64]
 
 LEAST_POINTS = 3
 SURE = 2.0  # number of the indicator's steps above which a load shows that the probe touches

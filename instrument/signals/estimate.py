@@ -18,6 +18,7 @@ from typing import TypeVar
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, UnknownName
 from palpate.instrument.signals.hum import humming, tuned, tuned_to
 from palpate.instrument.signals.long_fit import Pieces, RecordInPieces, in_pieces, joined
@@ -26,7 +27,6 @@ from palpate.instrument.signals.noise_parts import short_noise
 from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
 from palpate.instrument.signals.sine_columns import COEFFICIENTS, WANDER, SineColumns, correlated, sine_columns
 
-Floats = npt.NDArray[np.float64]
 Some = TypeVar("Some", float, Floats)
 
 SHORTEST_RECORD = 0.25

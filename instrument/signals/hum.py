@@ -12,10 +12,9 @@ from typing import Protocol
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.signals.noise import MAINS
 from palpate.instrument.signals.sine_columns import COEFFICIENTS, SineColumns, columns_at
-
-Floats = npt.NDArray[np.float64]
 
 SEEN = 5.0  # number of an amplitude's standard deviations above which hum is seen; smaller hum does no harm
 SURE = 3.0  # number of a frequency's standard uncertainties; mains that are farther off are tuned

@@ -13,8 +13,8 @@ from itertools import chain, repeat
 from math import inf
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.hum import BLOCK, above_round_off, deviation
 from palpate.instrument.signals.noise import EquivalentNoise, fill_diagonal, noise_at
@@ -28,7 +28,6 @@ from palpate.instrument.signals.sine_columns import (
     turning,
 )
 
-Floats = npt.NDArray[np.float64]
 Pieces = Callable[[], Iterator[tuple[Floats, Floats]]]
 """Reads a record from its beginning: times (k,) [s] and signals (channels, k) [V] of pieces, none of which is empty."""
 

@@ -12,8 +12,7 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
+from palpate.instrument.arrays import Complexes, Floats
 
 MAINS = (50.0, 60.0)  # Hz
 FEWEST_LINES = 8  # least number of lines of the spectrum; in a record with fewer, all residuals count

@@ -20,11 +20,10 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.signals.noise import HARMONICS_FROM, EquivalentNoise, moments
 from palpate.instrument.signals.sine_columns import SineColumns
 from palpate.instrument.uncertainty.budget import COVERAGE
-
-Floats = npt.NDArray[np.float64]
 
 LONGEST = 240  # greatest number of samples; a longer record has a spectrum to fit, and the time here grows as the cube
 FEWEST_RESIDUALS = 6  # least number of residuals; fewer do not show how well their variance is known

@@ -15,9 +15,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, RangeError
 
-Floats = npt.NDArray[np.float64]
 SCALES = (1.0, 2.0, 5.0, 10.0)  # units a division, times a power of ten
 LARGEST_SLIP = 0.5  # of a sample, from the first cycle of a record to its last
 FEWEST_SAMPLES = 16  # of a cycle: the parabola through three of them then misses a crest by less than 0.1 % [M]

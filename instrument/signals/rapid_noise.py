@@ -11,12 +11,11 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-import numpy.typing as npt
+
+from palpate.instrument.arrays import Floats
 
 FEWEST = 8  # samples for a line, which takes two of their degrees of freedom
 HELD = 4  # places of a cycle that the line and the fitted drive hold where each cycle is like the others
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

@@ -26,12 +26,10 @@ from dataclasses import dataclass, field, replace
 from functools import lru_cache
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.noise import MAINS, fill_diagonal
-
-Floats = npt.NDArray[np.float64]
 
 COEFFICIENTS = 4  # cosine, sine, offset, trend
 CONDITION_LIMIT = 100.0

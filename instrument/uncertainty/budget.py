@@ -19,11 +19,10 @@ from dataclasses import dataclass, field
 from typing import Any, Literal
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, RangeError
 
-Floats = npt.NDArray[np.float64]
 Correlations = Mapping[tuple[str, str], float]
 Kind = Literal["A", "B"]
 

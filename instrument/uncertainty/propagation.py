@@ -18,6 +18,7 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.uncertainty.budget import (
     COVERAGE,
@@ -29,7 +30,6 @@ from palpate.instrument.uncertainty.budget import (
     groups,
 )
 
-Floats = npt.NDArray[np.float64]
 Function = Callable[..., npt.ArrayLike]
 Shape = Literal["normal", "rectangular"]
 

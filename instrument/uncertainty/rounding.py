@@ -20,9 +20,8 @@ from __future__ import annotations
 import math
 
 import numpy as np
-import numpy.typing as npt
 
-Floats = npt.NDArray[np.float64]
+from palpate.instrument.arrays import Floats
 
 LEAST_DITHER = 0.2
 """Least noise, as a share of a step, that is told apart from none: less shows in too few readings."""

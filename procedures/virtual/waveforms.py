@@ -6,12 +6,12 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.procedures.lab.store import store
 from palpate.procedures.showing.figure import picture_file, write
 from palpate.procedures.showing.text import STAMP
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms

@@ -15,6 +15,7 @@ from typing import ClassVar
 
 import numpy as np
 
+from palpate.instrument.arrays import Complexes, Floats
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample
@@ -22,9 +23,8 @@ from palpate.simulators.bounds.fits import SIGMAS
 from palpate.simulators.bounds.rounding import reaches_rail, step_changes, steps
 from palpate.simulators.bounds.sides import Side, certain, deterministic, reach, sides
 from palpate.simulators.bounds.strays import strays
-from palpate.simulators.linear.lti import Complexes
 from palpate.simulators.physics.dwells import ROUNDING, begun, met, touched
-from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Kind, Rates
+from palpate.simulators.physics.effect import Bound, Case, Effect, Kind, Rates
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.stages import ShareEffect
 from palpate.simulators.randomness import Stream

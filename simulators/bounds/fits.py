@@ -8,10 +8,10 @@ from collections.abc import Callable
 
 import numpy as np
 
+from palpate.instrument.arrays import Complexes, Floats
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.instrument.signals.sine_columns import SineColumns, sine_columns
-from palpate.simulators.linear.lti import Complexes
-from palpate.simulators.physics.effect import Case, Floats
+from palpate.simulators.physics.effect import Case
 
 DIRECTIONS = 64  # number of directions in half a circle
 SIGMAS = 6.0  # standard deviations of noise in a bound: two quadratures exceed them once in 6e7 fits

@@ -7,10 +7,10 @@ import math
 
 import numpy as np
 
+from palpate.instrument.arrays import Complexes, Floats
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.simulators.bounds.fits import SIGMAS, fitted, largest_within, weights
-from palpate.simulators.linear.lti import Complexes
-from palpate.simulators.physics.effect import Case, Floats
+from palpate.simulators.physics.effect import Case
 from palpate.simulators.physics.stages import ConverterEffect
 from palpate.simulators.randomness import Stream
 

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
+from palpate.instrument.arrays import Complexes, Floats, Times
 from palpate.simulators.bounds.fits import SIGMAS, fitted, weights
-from palpate.simulators.linear.lti import Complexes, Times
 from palpate.simulators.physics.dwells import GONE, SimulatedDwell, superposed
-from palpate.simulators.physics.effect import Case, Floats, Rates
+from palpate.simulators.physics.effect import Case, Rates
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.stages import LeakEffect
 

@@ -10,13 +10,13 @@ from collections.abc import Sequence
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.signals.hum import tuned
 from palpate.instrument.signals.sine_columns import SineColumns
 from palpate.simulators.bounds.fits import columns
 from palpate.simulators.bounds.sides import Side
-from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.effect import Bound, Case, Effect, Floats
+from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.randomness import Stream
 

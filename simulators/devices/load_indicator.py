@@ -9,6 +9,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts import strain_indicator
 from palpate.instrument.contracts.contract import Command
@@ -16,8 +17,6 @@ from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.rig.rig import Rig, RigLoadCell
 from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice, SimulatedPlace
-
-Floats = npt.NDArray[np.float64]
 
 SETTLING = 2.0  # periods of its cut-off frequency after which a filter has forgotten what was before
 LONGEST_NS = 10_000_000_000  # ns of the past that are looked at

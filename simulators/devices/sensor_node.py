@@ -10,6 +10,7 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.bench.role_maps.sensor_node import VOLTS, SensorNodeMap, raw_limits
 from palpate.instrument.contracts import sensor_node
@@ -19,9 +20,8 @@ from palpate.instrument.contracts.sensor_node import CHANNELS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import CanopenTwin
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.rig.rig import FilmInputs, Rig
-from palpate.simulators.wire.canopen_device import SimulatedNode, Times, octets
+from palpate.simulators.wire.canopen_device import SimulatedNode, octets
 from palpate.simulators.wire.device import SimulatedPlace
 
 BEYOND = 0xFF00  # emergency code, manufacturer-specific

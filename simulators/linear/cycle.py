@@ -16,8 +16,9 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Complexes, Floats, Times
 from palpate.simulators.linear.free_motion import Seen
-from palpate.simulators.linear.lti import Complexes, Floats, Rows, StateSpace, Steady, Times
+from palpate.simulators.linear.lti import Rows, StateSpace, Steady
 from palpate.simulators.linear.mode import Guard, Mode
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 

@@ -9,11 +9,9 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Complexes, Floats, Times
 from palpate.simulators.linear.exponential import Doublings
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
-Times = npt.NDArray[np.int64]
 # Gives (p, n) from times [ns], the start of the free motion [ns], and the step between times [ns] (0: not even).
 Seen = Callable[[Times, int, int], Floats]
 

@@ -8,7 +8,8 @@ from typing import Any
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats, Rows, StateSpace, Steady, Trace
+from palpate.instrument.arrays import Floats
+from palpate.simulators.linear.lti import Rows, StateSpace, Steady, Trace
 from palpate.simulators.linear.periodic import Periodic
 
 

@@ -13,9 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.linear.crossing import CrossingWatch
 from palpate.simulators.linear.cycle import CLOSE, Cycle, Leg, inputs_at, period_of, periodic
-from palpate.simulators.linear.lti import Floats, StateSpace
+from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.linear.mode import Mode, Stretch
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 

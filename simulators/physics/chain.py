@@ -21,7 +21,8 @@ from weakref import WeakValueDictionary
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats, Rows, StateSpace, first_order_low_pass, gain
+from palpate.instrument.arrays import Floats
+from palpate.simulators.linear.lti import Rows, StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.mode import Guard, Mode
 from palpate.simulators.physics.mechanics import INPUTS, Mechanics
 from palpate.simulators.physics.parts import Armature, Limits, Plays, Touch

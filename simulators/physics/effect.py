@@ -7,16 +7,13 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, ClassVar, Literal
 
-import numpy as np
-import numpy.typing as npt
-
+from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import Design
 from palpate.simulators.numbers import Numbers
 
 if TYPE_CHECKING:
     from palpate.simulators.physics.dwells import DrivenBench, SimulatedDwell
 
-Floats = npt.NDArray[np.float64]
 Rates = Callable[[], Floats]  # returns rates (p, n) [V/s] of a film in some phases of the drive
 Kind = Literal["lti", "static_nl", "hysteresis", "additive", "ltv", "timing"]
 

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats, Rows, StateSpace
+from palpate.instrument.arrays import Floats
+from palpate.simulators.linear.lti import Rows, StateSpace
 from palpate.simulators.physics.parts import Armature, Limits, Touch
 
 INPUTS = 3  # coil voltage [V], 1, rate of the coil voltage [V/s]

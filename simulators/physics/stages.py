@@ -15,12 +15,14 @@ from typing import TYPE_CHECKING, ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.sample import Sample
-from palpate.simulators.physics.effect import Case, Effect, Floats, Rates
+from palpate.simulators.physics.effect import Case, Effect, Rates
 
 if TYPE_CHECKING:
-    from palpate.simulators.linear.lti import StateSpace, Times
+    from palpate.instrument.arrays import Times
+    from palpate.simulators.linear.lti import StateSpace
     from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack
     from palpate.simulators.randomness import Stream
 

@@ -18,6 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.additions import taken
+from palpate.instrument.arrays import Complexes, Floats, Times
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.quantity import show
@@ -28,7 +29,6 @@ from palpate.instrument.signals.dwell import LONGEST
 from palpate.simulators.bounds.changes import bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
-from palpate.simulators.linear.lti import Complexes, Floats, Times
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.physics.dwells import SimulatedDwell, dwell_of
 from palpate.simulators.physics.effect import Bound, Case, Effect

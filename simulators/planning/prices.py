@@ -21,7 +21,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from palpate.instrument import notice
-from palpate.simulators.linear.lti import Floats
+from palpate.instrument.arrays import Floats
 from palpate.simulators.linear.path import forget
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.waveforms import films_sampled

@@ -19,11 +19,11 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.effects import EFFECTS
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.converter import FINEST, convert
 from palpate.simulators.physics.effect import Effect, Kind
 from palpate.simulators.physics.in_order import Effects

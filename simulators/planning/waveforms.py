@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.linear.lti import Floats, Times
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.physics.in_order import Effects
 from palpate.simulators.physics.parts import Armature, Limits

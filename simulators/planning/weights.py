@@ -15,12 +15,12 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from palpate.instrument import notice
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.bounds.changes import pairs_of
 from palpate.simulators.effects import effect_class
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.in_order import rival
 from palpate.simulators.physics.stages import CanEffect, CellEffect, LineEffect
 from palpate.simulators.planning.plan import Question

@@ -18,6 +18,7 @@ from typing import Any, Protocol
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
 from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, place
 from palpate.instrument.errors import BenchError
@@ -25,7 +26,7 @@ from palpate.instrument.sensor.design import Film
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
-from palpate.simulators.linear.lti import Floats, StateSpace, Times
+from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.linear.path import KEPT_NS, Path, split
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain

@@ -8,11 +8,11 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, Self
 
 import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer as CanopenSdoServer
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.bench.can_block import Octets
 from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
 from palpate.instrument.contracts.field import codec
@@ -28,7 +28,6 @@ from palpate.instrument.contracts.pdo import (
     is_relative,
 )
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.wire.device import SimulatedPlace, first_settings
 
 # -------------------------------------------------------------------------------------------------------
@@ -231,8 +230,6 @@ class SdoServer(CanopenSdoServer):
 
 
 # --- the base of the nodes -----------------------------------------------------------------------------
-
-Times = npt.NDArray[np.int64]
 
 
 def octets(data: Sequence[bytes]) -> Octets:

@@ -14,6 +14,7 @@ from typing import cast
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.classification import WeightRun
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
 from palpate.instrument.calibration.load_budget import load_budget
@@ -28,7 +29,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.load import Load
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.estimate import Floats, SineFit, fit_sine
+from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.propagation import Propagated
 from palpate.procedures.measurements.load_cell.procedure import LOADS, REPEATS

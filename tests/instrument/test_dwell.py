@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.signals.dwell import (
     Floor,
@@ -18,7 +19,7 @@ from palpate.instrument.signals.dwell import (
     ratio_noise,
     whole_steps,
 )
-from palpate.instrument.signals.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
 
 FREQUENCY, RATE = 10.0, 250.0
 AMPLITUDES = np.array([0.3, 1.0])

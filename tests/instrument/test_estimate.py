@@ -8,8 +8,9 @@ from random import Random
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
 from palpate.instrument.signals.sine_columns import CONDITION_LIMIT
 from tests.shares import first_of
 

@@ -8,12 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects.adc import Adc
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.physics.stages import InputEffect

@@ -11,9 +11,10 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear import path as path_module
-from palpate.simulators.linear.lti import Floats, gain
+from palpate.simulators.linear.lti import gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain

@@ -14,6 +14,7 @@ from typing import get_args
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
@@ -36,7 +37,7 @@ from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.effects.white_noise import WhiteNoise
-from palpate.simulators.physics.effect import Effect, Floats, Kind
+from palpate.simulators.physics.effect import Effect, Kind
 from palpate.simulators.physics.stages import SourceEffect
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig.rig import Rig

@@ -11,6 +11,7 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators import randomness
 from palpate.simulators.bounds.changes import bound_of
@@ -28,8 +29,7 @@ from palpate.simulators.effects.mains_hum import MainsHum
 from palpate.simulators.effects.mounting_scatter import MountingScatter
 from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
-from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.effect import Bound, Case, Effect, Floats
+from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.physics.stages import InputEffect
 from palpate.simulators.planning.plan import Question, case_of, driven, sampled
 from palpate.simulators.randomness import BLOCK, Stream

@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models import springs
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
@@ -21,7 +22,6 @@ from palpate.simulators.effects.frequency_error import FrequencyError
 from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
 from palpate.simulators.effects.viscoelastic import PRONY, Viscoelastic
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import HERTZ
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question

@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass
+from palpate.instrument.arrays import Floats
+from palpate.simulators.linear.lti import StateSpace, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import DAY, SECOND, output, random_system, sine
 

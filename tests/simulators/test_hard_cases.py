@@ -14,6 +14,7 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.contracts import sensor_node, strain_indicator
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.sensor.designs import get_design
@@ -23,7 +24,7 @@ from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.linear import bouc_wen
 from palpate.simulators.linear.integrators import first_order_hold
-from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
+from palpate.simulators.linear.lti import StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
 from palpate.simulators.physics.chain import MeasuringChain

@@ -9,9 +9,9 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.notice import notices_to
 from palpate.simulators.linear.free_motion import free_motion
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.path import forget
 from palpate.simulators.planning import prices
 from palpate.simulators.planning.plan import Question

@@ -17,6 +17,7 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.models.axisymmetric.mesh import (
     AXIAL,
     RADIAL,
@@ -40,8 +41,6 @@ from palpate.instrument.models.finite_elements.poles import Curve, Sensor, capac
 from palpate.instrument.models.finite_elements.work import single
 from palpate.instrument.models.parameters import RoundParameters
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
 
 # --- displacements over every body, and the pressure on the sensor's face --------------------------------
@@ -59,10 +58,10 @@ class DisplacementField:
         radial, axial: displacements [m], (columns, rows).
     """
 
-    radius: Array
-    height: Array
-    radial: Array
-    axial: Array
+    radius: Floats
+    height: Floats
+    radial: Floats
+    axial: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,9 +78,9 @@ class FacePressure:
         reach: radius of the tooth [m].
     """
 
-    radius: Array
-    pressure: Array
-    area: Array
+    radius: Floats
+    pressure: Floats
+    area: Floats
     reach: float
 
     @property
@@ -103,10 +102,10 @@ class OnMesh:
     mesh: Grid
     r: el.LineIntegrals
     parts: dict[str, BodyElements]
-    displacements: Array
-    internal: Array
+    displacements: Floats
+    internal: Floats
 
-    def forces(self, body: str) -> Array:
+    def forces(self, body: str) -> Floats:
         """Forces [N] of a body over the whole circle: (columns, rows, axis, radial shape, axial shape)."""
         return 2 * math.pi * on(self.internal, self.parts[body])
 
@@ -122,7 +121,7 @@ def displacements(at: OnMesh) -> dict[str, DisplacementField]:
     points = np.linspace(0, 1, POINTS)
     shapes, _ = el.shape_functions(at.r.dofs.shape[1] - 1, points)
 
-    def along(lines: Array, intervals: Indices) -> Array:
+    def along(lines: Floats, intervals: Indices) -> Floats:
         return (lines[intervals][:, None] + np.diff(lines)[intervals][:, None] * points).ravel()
 
     found = {}
@@ -148,7 +147,7 @@ def face(at: OnMesh) -> FacePressure:
     return face_pressure(at.mesh, dofs, touching, forces, p.tooth_radius)
 
 
-def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, reach: float) -> FacePressure:
+def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Floats, reach: float) -> FacePressure:
     """The pressure whose work on every shape function of the face is that of the nodal forces.
 
     Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey, Chow and
@@ -176,7 +175,7 @@ def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, r
     return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)
 
 
-def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tuple[Array, Array, Array]:
+def _quadrature(radii: Floats, intervals: Indices, degree: int, count: int) -> tuple[Floats, Floats, Floats]:
     """Shape functions (degree + 1, count), radii [m] and areas [m2] (intervals, count) at Gauss points."""
     points, weights = np.polynomial.legendre.leggauss(count)
     width = np.diff(radii)[intervals][:, None]
@@ -188,7 +187,7 @@ def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tu
 # --- loads on the elements, and forces, stresses and charges that follow from a solution -----------------
 
 
-def pressing(r: el.LineIntegrals, part: BodyElements) -> Array:
+def pressing(r: el.LineIntegrals, part: BodyElements) -> Floats:
     """Forces of 1 N, spread evenly over the top of the object, per radian: (elements of the object, n)."""
     shapes = r.dofs.shape[1]
     load = np.zeros((len(part.columns), len(part.rows), 2, shapes, shapes))
@@ -197,7 +196,7 @@ def pressing(r: el.LineIntegrals, part: BodyElements) -> Array:
     return load.reshape(len(part), -1)
 
 
-def charging(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> Array:
+def charging(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> Floats:
     """Forces of a film under 1 V, against its voltage, per radian: (elements of the film, n)."""
     assert part.body.film is not None
     low, high = part.body.heights
@@ -213,7 +212,7 @@ def counts_above(parameters: RoundParameters) -> bool:
     return parameters.support == "rigid" or parameters.sensed_modulus < parameters.film.modulus
 
 
-def below(at: OnMesh, name: str) -> Array:
+def below(at: OnMesh, name: str) -> Floats:
     """Forces (columns, 2) on the vertices below a body [N]."""
     return at.forces(name)[:, 0, AXIAL, :2, 0]
 
@@ -247,7 +246,7 @@ def capacitance_of(body: AxisymmetricBody) -> float:
     return capacitance(body.film, body.area, body.heights[1] - body.heights[0])
 
 
-def stressing(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> tuple[Array, Array]:
+def stressing(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> tuple[Floats, Floats]:
     """Forces (elements of the film, n) per radian whose work is what strains add to the film's mean stresses.
 
     These are the stress in the plane and that along the axis.
@@ -314,7 +313,7 @@ def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     vertices = on(unknowns, bodies[0])[:, 0, AXIAL, :2, 0]
     over = within(parameters.tooth_radius, mesh, r)[r.dofs[bodies[0].columns][:, :2]]
 
-    def raised(places: NDArray[np.bool_]) -> Array:
+    def raised(places: NDArray[np.bool_]) -> Floats:
         displacement = np.zeros(size + 1)
         displacement[vertices[places]] = 1.0
         return displacement[:-1][contact]
@@ -355,7 +354,7 @@ class _Side:
     unknowns: Indices
     size: int
     mixed: bool
-    forces: Sequence[tuple[BodyElements, Array]]
+    forces: Sequence[tuple[BodyElements, Floats]]
 
     @property
     def touched(self) -> NDArray[np.bool_]:
@@ -394,7 +393,7 @@ class _Side:
             else condensed_at(0.0)
         )
 
-    def _matrices(self, added: float) -> Array:
+    def _matrices(self, added: float) -> Floats:
         """Stiffness (elements, n, n) on nodes, over the whole circle, with the pressures eliminated.
 
         Args:

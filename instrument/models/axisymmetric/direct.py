@@ -12,8 +12,8 @@ import time
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.axisymmetric.curves import (
     DisplacementField,
     FacePressure,
@@ -37,8 +37,6 @@ from palpate.instrument.models.finite_elements.solving import Elements
 from palpate.instrument.models.finite_elements.solving import solve as solve_elements
 from palpate.instrument.models.finite_elements.work import one_each
 from palpate.instrument.models.parameters import RoundParameters
-
-Array = NDArray[np.float64]
 
 
 # No slots: cached properties need a dictionary.
@@ -128,7 +126,7 @@ def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     return _evaluate(found, polarised, elements, solved[0].residual, (start, built, done))
 
 
-def _everywhere(elements: Elements, part: BodyElements, forces: Array) -> Array:
+def _everywhere(elements: Elements, part: BodyElements, forces: Floats) -> Floats:
     """Forces (elements, n) that act on one part alone."""
     found = np.zeros(elements.unknowns.shape)
     found[part.elements] = forces
@@ -137,7 +135,7 @@ def _everywhere(elements: Elements, part: BodyElements, forces: Array) -> Array:
 
 def _evaluate(
     found: list[OnMesh],
-    polarised: list[Array],
+    polarised: list[Floats],
     elements: Elements,
     residual: float,
     marks: tuple[float, float, float],

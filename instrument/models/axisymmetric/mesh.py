@@ -15,15 +15,13 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.elements import LineIntegrals
 from palpate.instrument.models.finite_elements.solving import Elements
 from palpate.instrument.models.finite_elements.work import Each
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
 from palpate.instrument.sensor.film_material import FilmMaterial
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
 NEAR = 1e-9  # share of its distance from the axis by which a corner is beside another; nearer ones are one
@@ -68,8 +66,8 @@ class Grid:
     """Bodies and the grid lines that cut them: radii and heights [m], ascending."""
 
     bodies: tuple[AxisymmetricBody, ...]
-    radii: Array
-    heights: Array
+    radii: Floats
+    heights: Floats
     face: float
     base: float
 
@@ -114,7 +112,7 @@ def _gap(p: RoundParameters) -> float:
     return max(p.ring_inner_radius - p.tooth_radius, CLOSED * p.tooth_radius)
 
 
-def _radii(p: RoundParameters, layers: int) -> Array:
+def _radii(p: RoundParameters, layers: int) -> Floats:
     ring = p.ring_outer_radius - p.ring_inner_radius
     inner = min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height), layers
     outer = min(ring, p.sensed_thickness, p.sensor_height), layers
@@ -125,7 +123,7 @@ def _radii(p: RoundParameters, layers: int) -> Array:
     return _line(corners, max(p.tooth_radius, p.ring_outer_radius / 2))
 
 
-def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
+def _heights(p: RoundParameters, layers: int, levels: Floats, base: float, seat: float, face: float) -> Floats:
     corners: dict[float, Corner | None] = {
         face: (min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height), layers),
         face + p.sensed_thickness: None,
@@ -139,7 +137,7 @@ def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: 
     return _line(corners, p.ring_outer_radius)
 
 
-def _line(corners: Mapping[float, Corner | None], longest: float) -> Array:
+def _line(corners: Mapping[float, Corner | None], longest: float) -> Floats:
     """Grid lines through all corners, with layers at each and no element above `longest`."""
     ends: list[float] = []
     for corner in sorted(corners):
@@ -149,7 +147,7 @@ def _line(corners: Mapping[float, Corner | None], longest: float) -> Array:
     return np.concatenate([[ends[0]], *pieces])
 
 
-def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | None, longest: float) -> Array:
+def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | None, longest: float) -> Floats:
     """Grid lines inside ]low, high], the last exactly `high`."""
     length = high - low
     reach = length / 2 if at_low and at_high else length
@@ -168,25 +166,25 @@ def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | 
     return lines
 
 
-def _cut(start: float, end: float, longest: float) -> Array:
+def _cut(start: float, end: float, longest: float) -> Floats:
     """Grid lines inside ]start, end]. The first step is at most `longest`, each next one at most twice the one before.
 
     Stresses even out within the sensor's radius, so a long object needs few elements.
     """
     count = max(1, math.ceil(math.log2((end - start) / longest + 1)))
     shares = 2.0 ** np.arange(1, count + 1) - 1
-    lines: Array = start + (end - start) * shares / shares[-1]
+    lines: Floats = start + (end - start) * shares / shares[-1]
     return lines
 
 
-def _distances(size: float, layers: int, reach: float) -> Array:
+def _distances(size: float, layers: int, reach: float) -> Floats:
     """Distances of grid lines from a corner, ascending. They keep their places as layers are added."""
     count = math.ceil(math.log(reach / size) / -math.log(GRADING) - 1e-9) + layers
-    distances: Array = reach * GRADING ** np.arange(count, -1, -1, dtype=np.float64)
+    distances: Floats = reach * GRADING ** np.arange(count, -1, -1, dtype=np.float64)
     return distances
 
 
-def inside(lines: Array, extent: Sequence[float]) -> NDArray[np.intp]:
+def inside(lines: Floats, extent: Sequence[float]) -> NDArray[np.intp]:
     """Indices of the intervals between grid lines that lie inside `extent`."""
     middle = (lines[1:] + lines[:-1]) / 2
     return np.flatnonzero((middle > extent[0]) & (middle < extent[1]))

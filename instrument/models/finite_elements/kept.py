@@ -27,12 +27,11 @@ from pathlib import Path
 from typing import Any, BinaryIO, TypeVar, get_origin, get_type_hints
 
 import numpy as np
-from numpy.typing import NDArray
 
 from palpate.instrument.arithmetic import arithmetic, without_processor
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import ConfigError
 
-Array = NDArray[np.float64]
 Kept = TypeVar("Kept")
 
 # The folder of kept curves; without it, that of the user's caches.
@@ -195,7 +194,7 @@ def _content_hash(head: dict[str, Any], numbers: bytes) -> str:
     return digest.hexdigest()
 
 
-def _arrays(content: Any, within: str = "") -> Iterator[tuple[str, Array]]:
+def _arrays(content: Any, within: str = "") -> Iterator[tuple[str, Floats]]:
     """Every number of a dataclass as an array, by its name."""
     for field in fields(content):
         value = getattr(content, field.name)
@@ -205,7 +204,7 @@ def _arrays(content: Any, within: str = "") -> Iterator[tuple[str, Array]]:
             yield within + field.name, np.asarray(value, dtype=np.float64)
 
 
-def _split(shapes: dict[str, Any], numbers: Array) -> dict[str, Array]:
+def _split(shapes: dict[str, Any], numbers: Floats) -> dict[str, Floats]:
     """The arrays of a file. Raises ValueError: a number is not finite, or there are too many or too few."""
     if not np.isfinite(numbers).all():
         raise ValueError("a number is not finite")
@@ -221,7 +220,7 @@ def _split(shapes: dict[str, Any], numbers: Array) -> dict[str, Array]:
     return found
 
 
-def _made(kind: type[Kept], arrays: dict[str, Array], within: str = "") -> Kept:
+def _made(kind: type[Kept], arrays: dict[str, Floats], within: str = "") -> Kept:
     """The dataclass with these arrays."""
     values: dict[str, Any] = {}
     for name, hint in get_type_hints(kind).items():

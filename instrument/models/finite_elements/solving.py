@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.elements import differences, nodal
 from palpate.instrument.models.finite_elements.work import Each
@@ -25,9 +26,6 @@ from palpate.instrument.models.finite_elements.work import Each
 if TYPE_CHECKING:
     from scipy.sparse import csc_array
     from scipy.sparse.linalg import SuperLU
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 
 # --- factors: the inside of each element is eliminated first, then each half by itself -------------------
@@ -64,24 +62,24 @@ class Elements:
         seam: number of unknowns that lie in one subdomain only; the first subdomain's come first.
     """
 
-    stiffness: Array
+    stiffness: Floats
     unknowns: Indices
     inner: NDArray[np.bool_]
     size: int
     shared: int
     mixed: Indices
-    dilatation: Array
-    compliance: Array
-    bound: Array
+    dilatation: Floats
+    compliance: Floats
+    bound: Floats
     subdomain: Indices
     subdomains: int
     seam: int
 
-    def strained(self, displacement: Array, rest: Array) -> Array:
+    def strained(self, displacement: Floats, rest: Floats) -> Floats:
         """Unknowns (elements, n) of the element matrices, from a displacement and its rounding error."""
         return differences(displacement[self.unknowns], rest[self.unknowns])
 
-    def internal_forces(self, strained: Array, pressure: Array, each: Each) -> tuple[Array, float]:
+    def internal_forces(self, strained: Floats, pressure: Floats, each: Each) -> tuple[Floats, float]:
         """Internal forces (elements, n), and the norm of the terms that add up to those without pressure."""
         forces = np.empty_like(strained)
 
@@ -98,18 +96,18 @@ class Elements:
         forces[self.mixed] += product(self.dilatation.transpose(0, 2, 1), pressure)
         return forces, math.sqrt(terms)
 
-    def gather(self, forces: Array) -> Array:
+    def gather(self, forces: Floats) -> Floats:
         """Sum (size + 1,) of element forces on nodes; the last entry is zero."""
-        total: Array = np.bincount(
+        total: Floats = np.bincount(
             self.unknowns.ravel(), weights=nodal(forces.copy()).ravel(), minlength=self.size + 1
         ).astype(np.float64)
         total[self.size] = 0.0
         return total
 
 
-def product(matrices: Array, vectors: Array) -> Array:
+def product(matrices: Floats, vectors: Floats) -> Floats:
     """Product of each matrix (elements, m, n) with its vector (elements, n)."""
-    found: Array = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
+    found: Floats = np.matmul(matrices, vectors[:, :, None])[:, :, 0]
     return found
 
 
@@ -127,7 +125,7 @@ class Factorised:
         each: runs a function for all subdomains at once.
     """
 
-    def __init__(self, elements: Elements, bounded: Array, each: Each) -> None:
+    def __init__(self, elements: Elements, bounded: Floats, each: Each) -> None:
         from scipy.linalg import lu_factor
 
         self._seam = slice(elements.seam, elements.shared + 1)
@@ -138,7 +136,7 @@ class Factorised:
         stiffness = sum(part.stiffness for part in self._subdomains) * np.outer(self._scale, self._scale)
         self._factors = lu_factor(stiffness, overwrite_a=True, check_finite=False)
 
-    def __call__(self, right: Array) -> Array:
+    def __call__(self, right: Floats) -> Floats:
         """Displacements (size + 1,) under forces (size + 1,); the last entries are zero."""
         from scipy.linalg import lu_solve
 
@@ -166,7 +164,7 @@ class _Subdomain:
         springs: diagonal of the springs' stiffness.
     """
 
-    def __init__(self, elements: Elements, members: Indices, bounded: Array) -> None:
+    def __init__(self, elements: Elements, members: Indices, bounded: Floats) -> None:
         unknowns, seam = elements.unknowns[members], elements.seam
         self._inner = unknowns[:, elements.inner]
         # One more unknown replaces all fixed ones; it is coupled to none.
@@ -182,7 +180,7 @@ class _Subdomain:
     def close(self) -> None:
         del self._factors
 
-    def forward(self, right: Array) -> tuple[Array, Array]:
+    def forward(self, right: Floats) -> tuple[Floats, Floats]:
         """Forces (size,) with those inside elements condensed, and their displacements while springs hold the seam."""
         inside = product(self._eliminated.transpose(0, 2, 1), right[self._inner])
         load = np.zeros(self._size)
@@ -191,12 +189,12 @@ class _Subdomain:
         load[-1] = 0.0
         return load, self._factors.solve(load)
 
-    def held(self, found: Array) -> Array:
+    def held(self, found: Floats) -> Floats:
         """Forces that displacements of the seam need, springs included."""
-        forces: Array = self._held @ found[self._count :]
+        forces: Floats = self._held @ found[self._count :]
         return forces
 
-    def back(self, right: Array, load: Array, found: Array, moved: Array, answer: Array) -> None:
+    def back(self, right: Floats, load: Floats, found: Floats, moved: Floats, answer: Floats) -> None:
         """Fill in this subdomain's displacements, from the results of `forward` and those of the seam."""
         found[self._count :] -= moved
         push = self.held(found)
@@ -208,7 +206,7 @@ class _Subdomain:
         inside = product(self._inverse, right[self._inner]) - product(self._eliminated, found[self._outer])
         answer[self._inner] = inside
 
-    def _condense(self, elements: Elements, members: Indices, bounded: Array) -> Array:
+    def _condense(self, elements: Elements, members: Indices, bounded: Floats) -> Floats:
         """Stiffness of each element against its rim."""
         inner, outer = (np.flatnonzero(which) for which in (elements.inner, ~elements.inner))
         pairs = ((inner, inner), (inner, outer), (outer, outer))
@@ -228,7 +226,7 @@ class _Subdomain:
             condensed[batch] = rim - coupling.transpose(0, 2, 1) @ eliminated
         return condensed
 
-    def _factorise(self, condensed: Array) -> None:
+    def _factorise(self, condensed: Floats) -> None:
         fixed, seam = self._outer == self._size - 1, self._outer >= self._count
         condensed[fixed] = 0.0
         condensed.transpose(0, 2, 1)[fixed] = 0.0
@@ -245,7 +243,7 @@ class _Subdomain:
         self.stiffness = self._held - np.diag(self.springs)
 
 
-def _assembled(matrices: Array, unknowns: NDArray[np.int32], size: int) -> csc_array:
+def _assembled(matrices: Floats, unknowns: NDArray[np.int32], size: int) -> csc_array:
     """Sum of symmetric element matrices (elements, n, n) on unknowns (elements, n) below `size`."""
     from scipy.sparse import csr_array
 
@@ -291,12 +289,12 @@ EASINGS = (1.0, 30.0, 1000.0)
 class ElementSolution:
     """Displacement (size + 1,), its last entry zero; forces on nodes (elements, n); residual over its terms."""
 
-    displacement: Array
-    internal: Array
+    displacement: Floats
+    internal: Floats
     residual: float
 
 
-def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[ElementSolution]:
+def solve(elements: Elements, loads: Sequence[Floats], each: Each) -> list[ElementSolution]:
     """Displacement and pressure under each load alone. The first must be solved to the last digit.
 
     Args:
@@ -327,7 +325,7 @@ def solve(elements: Elements, loads: Sequence[Array], each: Each) -> list[Elemen
     return best
 
 
-def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised, each: Each) -> ElementSolution:
+def _refine(elements: Elements, load: Floats, bounded: Floats, solver: Factorised, each: Each) -> ElementSolution:
     """Refine iteratively as long as steps gain a digit, until they no longer move anything.
 
     The residual alone does not tell the end: beside rubber it is down to rounding while a foil still moves.
@@ -338,7 +336,7 @@ def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised,
     spread = elements.dilatation.transpose(0, 2, 1)
     right, gap, best = load, np.zeros_like(pressure), math.inf
 
-    def lacking(internal: Array) -> Array:
+    def lacking(internal: Floats) -> Floats:
         """Forces that are not yet in balance; the next step takes them up."""
         forces = internal.copy()
         forces[elements.mixed] += product(spread, gap / bounded[:, None])
@@ -365,11 +363,11 @@ def _refine(elements: Elements, load: Array, bounded: Array, solver: Factorised,
     return ElementSolution(displacement, nodal(internal), residual)
 
 
-def _relative(remainder: Array, terms: float) -> float:
+def _relative(remainder: Floats, terms: float) -> float:
     """Norm of the remainder over the norm of the terms of which it is the sum; 0 where there are none."""
     return _norm(remainder) / terms if terms else 0.0
 
 
-def _norm(vector: Array) -> float:
+def _norm(vector: Floats) -> float:
     # BLAS wakes threads for a norm, and on a busy machine waits for them longer than everything else takes.
     return math.sqrt(np.square(vector).sum())

@@ -17,9 +17,10 @@ import numpy as np
 
 from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
 from palpate.instrument.allocation.table import FIRST
+from palpate.instrument.arrays import Floats
 from palpate.instrument.findings.mean_ratio import NOISE as BY_NOISE
 from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER
-from palpate.instrument.findings.position import Floats, locate
+from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample
