@@ -13,8 +13,7 @@ from typing import Any, Self, TypeVar, get_args
 from palpate.drivers.bench_lock import BenchLock, check_apart
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.devices.device import Device, DevicePlace
-from palpate.drivers.devices.exciter import Exciter, WatchdogGuard
-from palpate.drivers.devices.exciter_kinds import Amplified
+from palpate.drivers.devices.exciter import Amplified, Exciter, WatchdogGuard
 from palpate.drivers.incident import Incidents, Store
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink

@@ -88,11 +88,11 @@ _PLACES = {
     "procedures.measurements.object_modulus.procedure": "ObjectModulus",
     "procedures.measurements.position.procedure": "PositionSweep",
     "procedures.measurements.references.procedure": "ReferenceSeries",
-    "procedures.measurements.references.result": "Reference read_reference",
+    "procedures.measurements.references.result": "read_reference Reference",
     "procedures.measurements.softness.procedure": "SoftnessTest unknown_object",
     "procedures.measurements.temperature.procedure": "TemperatureSweep",
     "procedures.records.events": "Event",
-    "procedures.records.run": "Run read",
+    "procedures.records.run": "read Run",
 }
 
 __all__ = [

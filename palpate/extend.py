@@ -58,9 +58,9 @@ if TYPE_CHECKING:
     from palpate.procedures.steps.probe import press, withdraw
     from palpate.procedures.steps.servo import LoadServo
     from palpate.simulators.linear.periodic import sine
-    from palpate.simulators.physics.effect import Bound, Kind
-    from palpate.simulators.physics.stages import (
+    from palpate.simulators.physics.effect import (
         AmplifierEffect,
+        Bound,
         CanEffect,
         CellEffect,
         ConverterEffect,
@@ -68,6 +68,7 @@ if TYPE_CHECKING:
         FilmsEffect,
         HysteresisEffect,
         InputEffect,
+        Kind,
         LeakEffect,
         LineEffect,
         ShakerEffect,
@@ -78,7 +79,7 @@ if TYPE_CHECKING:
     from palpate.simulators.planning.plan import Question, driven
     from palpate.simulators.planning.settle import read_scene
     from palpate.simulators.randomness import Stream
-    from palpate.simulators.rig.rig import Rig
+    from palpate.simulators.rig import Rig
     from palpate.simulators.scenes.scene import Scene
     from palpate.simulators.wire.canopen_device import SimulatedNode
     from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedDevice
@@ -101,11 +102,11 @@ _PLACES = {
     "instrument.errors": "DeviceError SafetyError",
     "instrument.findings.film_forces": "film_forces",
     "instrument.models.table": "Response",
-    "instrument.sensor.design": "Design FILM_KINDS Film FilmSheet Plate Ring Tooth",
+    "instrument.sensor.design": "Design Film FILM_KINDS FilmSheet Plate Ring Tooth",
     "instrument.sensor.film_material": "FILM_MATERIALS",
     "instrument.sensor.material": "Material",
     "procedures.engine.plan": "Plan Predicted Step",
-    "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads Work until_full",
+    "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads until_full Work",
     "procedures.engine.promise": "Expected predicted",
     "procedures.engine.result": "SimpleResult",
     "procedures.engine.settings": "Setting",
@@ -119,14 +120,12 @@ _PLACES = {
     "procedures.steps.probe": "press withdraw",
     "procedures.steps.servo": "LoadServo",
     "simulators.linear.periodic": "sine",
-    "simulators.physics.effect": "Bound Kind",
-    "simulators.physics.stages": "AmplifierEffect CanEffect CellEffect ConverterEffect DriveEffect FilmsEffect"
-    " HysteresisEffect InputEffect LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect"
-    " StackEffect",
-    "simulators.planning.plan": "Question driven",
+    "simulators.physics.effect": "AmplifierEffect Bound CanEffect CellEffect ConverterEffect DriveEffect FilmsEffect"
+    " HysteresisEffect InputEffect Kind LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect StackEffect",
+    "simulators.planning.plan": "driven Question",
     "simulators.planning.settle": "read_scene",
     "simulators.randomness": "Stream",
-    "simulators.rig.rig": "Rig",
+    "simulators.rig": "Rig",
     "simulators.scenes.scene": "Scene",
     "simulators.wire.canopen_device": "SimulatedNode",
     "simulators.wire.device": "DEVICE_FAILURE Refused SimulatedDevice",

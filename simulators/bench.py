@@ -22,7 +22,7 @@ from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.guests import CHANGER, Guest, replaced
-from palpate.simulators.rig.rig import Rig, SimulatedOperator
+from palpate.simulators.rig import Rig, SimulatedOperator
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import device as wire
 from palpate.simulators.wire.can_bus import own_channel
@@ -30,12 +30,11 @@ from palpate.simulators.wire.loop import Loop
 from palpate.simulators.wire.modbus import Servers
 
 if TYPE_CHECKING:
-    from palpate.simulators.devices.amplifier import SimulatedShakerAmplifier
+    from palpate.simulators.devices.exciter import SimulatedShakerAmplifier, SimulatedSignalGenerator
     from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
     from palpate.simulators.devices.positioner import SimulatedPositioner
     from palpate.simulators.devices.sample_changer import SimulatedSampleChanger
     from palpate.simulators.devices.sensor_node import SimulatedSensorNode
-    from palpate.simulators.devices.source import SimulatedSignalGenerator
     from palpate.simulators.faults.inject import Injection
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order

@@ -29,8 +29,7 @@ from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear.lti import StateSpace, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import MeasuringChain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 from palpate.simulators.planning.plan import Question, driven
 from tests.instrument.direct import direct
 from tests.settings import solid_sensors

@@ -33,7 +33,7 @@ from palpate.procedures.records.run_folder import is_run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.assembly import Mounted
+from palpate.simulators.rig import Mounted
 from palpate.simulators.wire.device import Refused
 
 SAMPLES = "123456"

@@ -18,8 +18,8 @@ import canopen
 
 from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.positioner import MicroPositioner
+from palpate.drivers.links.can import CheckedSdoClient
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.sdo import CheckedSdoClient
 from palpate.instrument.contracts import positioner, strain_indicator
 from palpate.instrument.contracts.sensor_node import shortest_transfer
 from palpate.instrument.errors import BenchError

@@ -31,15 +31,17 @@ from palpate.drivers.logs.bus_log import (
     NODE_ID,
     RUN,
     WHOLE_FORMAT,
+    Link,
+    Packet,
     called,
     can_links,
     kind_called,
     logged,
     modbus_links,
     packed,
+    read_pcapng,
     unpacked,
 )
-from palpate.drivers.logs.pcapng import Link, Packet, read_pcapng
 from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.bench.links import (
     FASTEST,

@@ -179,9 +179,10 @@ class IndicatorSettings(Config):
 def _own(
     contract: str, link: LinkKind, driver: str, simulator: str, role: Role, settings: type[Config] = NoSettings
 ) -> DeviceKind:
-    """One of palpate's own kinds, whose driver and simulator lie in modules with the name of its role."""
-    driver = f"palpate.drivers.devices.{role}:{driver}"
-    simulator = f"palpate.simulators.devices.{role}:{simulator}"
+    """One of palpate's own kinds: a source and an amplifier are an exciter together, and lie in one module."""
+    module = "exciter" if role in ("source", "amplifier") else role
+    driver = f"palpate.drivers.devices.{module}:{driver}"
+    simulator = f"palpate.simulators.devices.{module}:{simulator}"
     return DeviceKind(CONTRACTS[contract], (link,), driver, simulator, settings, (role,))
 
 

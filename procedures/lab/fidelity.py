@@ -7,8 +7,8 @@ from dataclasses import replace
 from palpate.instrument.errors import UsageError
 from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.steps.dwells import Dwells
-from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.weights import reduced
 
 FIDELITY = "--fidelity"
 

@@ -10,9 +10,19 @@ from contextlib import suppress
 from dataclasses import dataclass
 from pathlib import Path
 
-from palpate.drivers.logs.bus_log import RUN, WHOLE_FORMAT, kind_called, logged
-from palpate.drivers.logs.can_frames import CanFrame, frame_of, read_frames
-from palpate.drivers.logs.pcapng import Link, NotALog, Packet, read_pcapng
+from palpate.drivers.logs.bus_log import (
+    RUN,
+    WHOLE_FORMAT,
+    CanFrame,
+    Link,
+    NotALog,
+    Packet,
+    frame_of,
+    kind_called,
+    logged,
+    read_frames,
+    read_pcapng,
+)
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, sdo

@@ -12,10 +12,9 @@ from palpate.procedures.showing.text import print_all
 from palpate.simulators.effects import GROUP, effect_names
 from palpate.simulators.planning.plan import AnswerPlan, plan
 from palpate.simulators.planning.plan import Question as Question
-from palpate.simulators.planning.prices import PRICE, PRICE_OF, PriceLine, Progress
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import waveforms
-from palpate.simulators.planning.weights import DRAWS, Weight, priced, weigh
+from palpate.simulators.planning.weights import DRAWS, PRICE, PRICE_OF, PriceLine, Progress, Weight, priced, weigh
 from palpate.simulators.scenes.heads import SceneHead, head_of
 from palpate.simulators.scenes.scene import Scene
 

@@ -13,7 +13,7 @@ from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.rig.rig import SimulatedOperator
+from palpate.simulators.rig import SimulatedOperator
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -10,9 +10,8 @@ from palpate.procedures.console.progress import Progress
 from palpate.procedures.showing.figure import new_figure, save_in_new
 from palpate.procedures.showing.text import new_table, print_all, stamped
 from palpate.simulators.planning.plan import Question
-from palpate.simulators.planning.prices import PRICE, PRICE_OF
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import DRAWS, Subset, Weight, front, nested, weigh
+from palpate.simulators.planning.weights import DRAWS, PRICE, PRICE_OF, Subset, Weight, front, nested, weigh
 
 PLOT = "scene.png"
 

@@ -27,7 +27,7 @@ from palpate.procedures.virtual.person import Person, TransactionRate, status
 from palpate.simulators.bench import NAMED, BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.pace import Pacer
+from palpate.simulators.wire.loop import Pacer
 
 REFRESH = 0.25  # s of wall time between two updates of the status page
 OUT = "a file in a writable folder with --out"

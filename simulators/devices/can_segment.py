@@ -14,9 +14,8 @@ from palpate.instrument.bench.links import MULTICAST, leave
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.attached import attach, local_node
-from palpate.simulators.wire.can_bus import VirtualNetwork, hand_over, open_bus
+from palpate.simulators.rig import Rig
+from palpate.simulators.wire.can_bus import VirtualNetwork, attach, hand_over, local_node, open_bus
 from palpate.simulators.wire.canopen_device import SimulatedNode
 
 if TYPE_CHECKING:

@@ -15,7 +15,7 @@ from palpate.instrument.contracts import strain_indicator
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import Twin
-from palpate.simulators.rig.rig import Rig, RigLoadCell
+from palpate.simulators.rig import Rig, RigLoadCell
 from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice, SimulatedPlace
 
 SETTLING = 2.0  # periods of its cut-off frequency after which a filter has forgotten what was before

@@ -10,7 +10,7 @@ from palpate.instrument.contracts.sample_changer import PLACES, TRAVEL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.wire.device import (
     DEVICE_BUSY,
     DEVICE_FAILURE,

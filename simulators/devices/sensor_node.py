@@ -20,7 +20,7 @@ from palpate.instrument.contracts.sensor_node import CHANNELS, RANGE_VOLTS
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import CanopenTwin
-from palpate.simulators.rig.rig import FilmInputs, Rig
+from palpate.simulators.rig import FilmInputs, Rig
 from palpate.simulators.wire.canopen_device import SimulatedNode, octets
 from palpate.simulators.wire.device import SimulatedPlace
 

@@ -10,8 +10,7 @@ from pydantic import Field
 
 from palpate.instrument.arrays import Floats
 from palpate.simulators.physics.converter import FINEST, convert
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import ConverterEffect
+from palpate.simulators.physics.effect import ConverterEffect, Kind
 
 
 class Adc(ConverterEffect):

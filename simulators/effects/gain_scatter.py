@@ -11,8 +11,7 @@ from pydantic import Field
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import Design
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import FilmsEffect, Kind
 from palpate.simulators.randomness import Stream
 
 

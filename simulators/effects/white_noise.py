@@ -10,9 +10,8 @@ from pydantic import Field
 
 from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.quantity import VoltsPerRootHertz
-from palpate.simulators.bounds.fits import SIGMAS, spread
-from palpate.simulators.physics.effect import Case, Kind, Rates
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.bounds import SIGMAS, spread
+from palpate.simulators.physics.effect import Case, InputEffect, Kind, Rates
 from palpate.simulators.randomness import Stream
 
 

@@ -19,7 +19,7 @@ import numpy as np
 
 from palpate.instrument.arrays import Complexes, Floats
 from palpate.instrument.errors import UnreachableError
-from palpate.simulators.linear.exponential import exponential
+from palpate.simulators.linear.free_motion import exponential
 from palpate.simulators.linear.lti import Rows, Steady
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 

@@ -25,12 +25,10 @@ from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.physics.converter import FINEST, convert
-from palpate.simulators.physics.effect import Effect, Kind
-from palpate.simulators.physics.in_order import Effects
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import Effect, Effects, FilmsEffect, Kind
 from palpate.simulators.planning.waveforms import SettledLoad, settled_loads
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import FilmInputs
+from palpate.simulators.rig import FilmInputs
 from palpate.simulators.scenes.scene import Scene
 
 Flags = npt.NDArray[np.bool_]

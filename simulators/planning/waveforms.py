@@ -14,8 +14,8 @@ from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.periodic import HERTZ, Periodic
-from palpate.simulators.physics.in_order import Effects
-from palpate.simulators.physics.parts import Armature, Limits
+from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.physics.effect import Effects
 from palpate.simulators.planning.plan import (
     CLOSED_FORM,
     PRELOAD,
@@ -27,7 +27,7 @@ from palpate.simulators.planning.plan import (
     sampled,
 )
 from palpate.simulators.planning.plan import SETTLING as LOAD_SETTLING
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep

@@ -23,8 +23,7 @@ import can
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
 from palpate.drivers.links.modbus import read_registers
-from palpate.drivers.logs.bus_log import BusLog
-from palpate.drivers.logs.pcapng import Link, read_pcapng
+from palpate.drivers.logs.bus_log import BusLog, Link, read_pcapng
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
 from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, Field

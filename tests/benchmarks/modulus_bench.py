@@ -34,8 +34,7 @@ from palpate.procedures.measurements.softness.procedure import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class, in_order
-from palpate.simulators.physics.effect import Effect
-from palpate.simulators.physics.in_order import Effects
+from palpate.simulators.physics.effect import Effect, Effects
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene

@@ -32,7 +32,7 @@ from palpate.simulators.linear.lti import first_order_high_pass
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from tests.benchmarks.records import HEADER
 from tests.benchmarks.row import Row

@@ -18,7 +18,7 @@ from palpate.instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.amplifier import SimulatedShakerAmplifier
+from palpate.simulators.devices.exciter import SimulatedShakerAmplifier
 from palpate.simulators.linear.periodic import Periodic
 from palpate.simulators.wire.device import Refused
 from tests.drivers.benches import altered, drive, open_bench

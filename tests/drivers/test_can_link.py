@@ -14,8 +14,7 @@ import numpy as np
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate.drivers.links.can import CanLink, _Listener, _Tapped
-from palpate.drivers.links.sdo import LATE_ANSWERS
+from palpate.drivers.links.can import LATE_ANSWERS, CanLink, _Listener, _Tapped
 from palpate.instrument.bench import links
 from palpate.instrument.bench.can_block import Block, time_of
 from palpate.instrument.bench.links import MULTICAST

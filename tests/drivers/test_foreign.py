@@ -18,8 +18,8 @@ from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
 from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 
+from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import FASTEST, SerialLine, TcpLink
 from palpate.instrument.contracts import positioner, signal_generator

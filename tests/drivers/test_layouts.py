@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.layouts import companions, reading, widened, write
+from palpate.drivers.devices.modbus_device import companions, reading, widened, write
 from palpate.instrument.contracts.contract import Command, Condition, Contract, Field, Manners, Scaling
 from palpate.instrument.errors import ConfigError, UsageError
 from tests.contracts import modbus_contract

@@ -20,7 +20,7 @@ from palpate.instrument.contracts.contract import Value
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedMappedLoadIndicator, low_passed
-from palpate.simulators.rig.rig import IDEAL_SENSITIVITY
+from palpate.simulators.rig import IDEAL_SENSITIVITY
 from palpate.simulators.wire.device import SimulatedPlace
 
 FREQUENCY = 10.0  # Hz

@@ -6,8 +6,8 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.amplifier import AmplifierState, ShakerAmplifier
 from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.exciter import AmplifierState, ShakerAmplifier
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts.shaker_amplifier import CONTRACT
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SafetyError, SettingsLost

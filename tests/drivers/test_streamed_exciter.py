@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.exciter_kinds import FEWEST, SetPointGrid, grid
+from palpate.drivers.devices.exciter import FEWEST, SetPointGrid, grid
 from palpate.drivers.links.can import CanLink, Cyclic
 from palpate.drivers.ownership import claim
 from palpate.drivers.roles import Exciter

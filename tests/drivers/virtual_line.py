@@ -6,7 +6,7 @@ import heapq
 import itertools
 from collections.abc import Callable, Iterable
 
-from palpate.drivers.links.rtu import RtuClient
+from palpate.drivers.links.modbus import RtuClient
 from palpate.instrument.bench.links import SILENCE
 from palpate.instrument.contracts.maps.frames import crc
 

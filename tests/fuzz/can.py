@@ -14,8 +14,7 @@ import can
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
-from palpate.drivers.links.can import CanLink, _Listener
-from palpate.drivers.links.sdo import LARGEST_OBJECT
+from palpate.drivers.links.can import LARGEST_OBJECT, CanLink, _Listener
 from palpate.instrument.bench import links
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.contracts.pdo import is_relative

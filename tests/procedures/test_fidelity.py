@@ -13,10 +13,9 @@ from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.fidelity import at_fidelity
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.dwells import Dwells
-from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import changes, see
+from palpate.simulators.planning.weights import changes, reduced, see
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 from tests.shares import first_of
 

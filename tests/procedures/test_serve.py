@@ -35,7 +35,7 @@ from palpate.procedures.virtual.person import Person, TransactionRate, status
 from palpate.procedures.virtual.served_bench import Wish, serve_until_told, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.rig.rig import STANDARD_GRAVITY
+from palpate.simulators.rig import STANDARD_GRAVITY
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate, happens_in

@@ -7,9 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.logs.bus_log import RUN
-from palpate.drivers.logs.can_frames import CanFrame
-from palpate.drivers.logs.pcapng import Link, Packet
+from palpate.drivers.logs.bus_log import RUN, CanFrame, Link, Packet
 from palpate.instrument.contracts.contract import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.procedures.logs.modbus_shown import Conversation

@@ -15,11 +15,10 @@ from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from palpate.simulators.physics.effect import Effect
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.physics.effect import Effect, InputEffect
 from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 PERIOD_NS = round(1e9 / RATE)

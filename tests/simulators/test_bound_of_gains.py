@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats
-from palpate.simulators.bounds.changes import _gains, _least
-from palpate.simulators.bounds.sides import Side
+from palpate.simulators.bounds import Side, _gains, _least
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.triboelectric import Triboelectric

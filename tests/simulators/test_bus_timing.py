@@ -17,7 +17,7 @@ from palpate.instrument.contracts.sensor_node import bus_load, place, stuff_bits
 from palpate.instrument.errors import LinkError
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds import bound_of
 from palpate.simulators.effects.can_timing import CanTiming
 from palpate.simulators.effects.serial_timing import SerialTiming
 from palpate.simulators.physics.effect import Bound, Case, Effect

@@ -23,7 +23,7 @@ from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 ANY = Stream(1, "any")

@@ -27,7 +27,7 @@ from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.plan import driven as measured
 from palpate.simulators.planning.plan import phasors as settled
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0

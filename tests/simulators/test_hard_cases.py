@@ -27,8 +27,7 @@ from palpate.simulators.linear.integrators import first_order_hold
 from palpate.simulators.linear.lti import StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import MeasuringChain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 from palpate.simulators.randomness import Stream
 
 MS = 1_000_000

@@ -18,7 +18,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import MS, scene
 
 

@@ -19,7 +19,7 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import effect_class
 from palpate.simulators.linear.periodic import CYCLE, HERTZ
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
 
 Times = npt.NDArray[np.int64]

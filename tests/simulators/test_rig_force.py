@@ -9,7 +9,7 @@ from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
 
 

@@ -28,7 +28,7 @@ from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.planning.settle import read_scene, with_model
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 

@@ -24,7 +24,7 @@ from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question, case_of
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.measured import changes
 from tests.simulators.omitted import beside, bounded
 from tests.simulators.random_scenes import drawn

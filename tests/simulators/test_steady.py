@@ -17,7 +17,7 @@ from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question, driven, followed, phasors, steady_state
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import scene
 from tests.simulators.strong import STRONG

@@ -43,7 +43,7 @@ class ExciterMap(RoleMap):
         lost: that number, if the fault is that this program was no longer heard.
     """
 
-    generic_driver: ClassVar[str] = "palpate.drivers.devices.exciter_kinds:StreamedExciter"
+    generic_driver: ClassVar[str] = "palpate.drivers.devices.exciter:StreamedExciter"
     generic_simulator: ClassVar[str | None] = "palpate.simulators.devices.exciter:SimulatedStreamedExciter"
     settings: ClassVar[type[Config] | None] = ExciterSettings
 
