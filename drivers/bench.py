@@ -23,10 +23,9 @@ from palpate.drivers.safe_end import held, insist, taken
 from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.additions import load
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.description import DRIVING, BenchDescription, Listed, filling
+from palpate.instrument.bench.description import DRIVING, READ_ATTEMPTS, BenchDescription, Listed, filling
 from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.bench.operator import Operator, mount_anew
-from palpate.instrument.bench.patience import READ_ATTEMPTS
 from palpate.instrument.errors import (
     BenchError,
     ConfigError,
@@ -38,7 +37,7 @@ from palpate.instrument.errors import (
 )
 from palpate.instrument.own_process import Ends
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.load import Sample
 
 # --- The links and devices of a bench, made from its description, and the roles that they fill ---------
 

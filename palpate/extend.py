@@ -36,13 +36,12 @@ if TYPE_CHECKING:
     from palpate.instrument.calibration.load_cell import LoadCellCalibration
     from palpate.instrument.calibration.model_calibration import ModelCalibration
     from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
-    from palpate.instrument.contracts.sensor_node import place
+    from palpate.instrument.contracts.own import place
     from palpate.instrument.errors import DeviceError, SafetyError
     from palpate.instrument.findings.film_forces import film_forces
     from palpate.instrument.models.table import Response
     from palpate.instrument.sensor.design import FILM_KINDS, Design, Film, FilmSheet, Plate, Ring, Tooth
-    from palpate.instrument.sensor.film_material import FILM_MATERIALS
-    from palpate.instrument.sensor.material import Material
+    from palpate.instrument.sensor.material import FILM_MATERIALS, Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, Work, until_full
     from palpate.procedures.engine.promise import Expected, predicted
@@ -98,13 +97,12 @@ _PLACES = {
     "instrument.calibration.load_cell": "LoadCellCalibration",
     "instrument.calibration.model_calibration": "ModelCalibration",
     "instrument.contracts.contract": "Contract Field Identity Pdo probe sdo",
-    "instrument.contracts.sensor_node": "place",
+    "instrument.contracts.own": "place",
     "instrument.errors": "DeviceError SafetyError",
     "instrument.findings.film_forces": "film_forces",
     "instrument.models.table": "Response",
     "instrument.sensor.design": "Design Film FILM_KINDS FilmSheet Plate Ring Tooth",
-    "instrument.sensor.film_material": "FILM_MATERIALS",
-    "instrument.sensor.material": "Material",
+    "instrument.sensor.material": "FILM_MATERIALS Material",
     "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Measurement Procedure Report RequiredLoads until_full Work",
     "procedures.engine.promise": "Expected predicted",

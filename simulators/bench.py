@@ -9,16 +9,15 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.additions import load
-from palpate.instrument.bench.beside import Beside, check_beside
-from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription
+from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription, Beside, check_beside
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import CAN, FASTEST, LINE, LOOPBACK
 from palpate.instrument.config import check
-from palpate.instrument.contracts.pdo import NODES
+from palpate.instrument.contracts.declaration import NODES
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.design import USUAL_NOISE
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.load import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.guests import CHANGER, Guest, replaced

@@ -15,13 +15,13 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.arrays import Floats, Times
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
-from palpate.instrument.contracts.sensor_node import CHANNELS, FULL_SCALE_COUNTS, place
+from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY
+from palpate.instrument.contracts.own import CHANNELS, FULL_SCALE_COUNTS, place
 from palpate.instrument.errors import BenchError, RangeError
 from palpate.instrument.models.influence import tooth_shares
 from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.load import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
 from palpate.simulators.linear.lti import StateSpace, gain

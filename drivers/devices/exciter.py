@@ -16,12 +16,10 @@ from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.kinds import AmplifierSettings
-from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
-from palpate.instrument.contracts import shaker_amplifier, signal_generator
+from palpate.instrument.bench.role_maps import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Pdo, Value
-from palpate.instrument.contracts.pdo import MOST_CYCLIC
-from palpate.instrument.contracts.shaker_amplifier import SETTINGS
-from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
+from palpate.instrument.contracts.declaration import MOST_CYCLIC
+from palpate.instrument.contracts.own import LARGEST_PEAK, SETTINGS, SHAKER_AMPLIFIER, SIGNAL_GENERATOR
 from palpate.instrument.errors import (
     BenchError,
     BenchInUse,
@@ -128,7 +126,7 @@ class SignalGenerator(ModbusDevice):
     If there are more than this driver has sent, another program writes to it.
     """
 
-    contract = signal_generator.CONTRACT
+    contract = SIGNAL_GENERATOR
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:
         super().__init__(link, unit, clock)
@@ -234,7 +232,7 @@ class ShakerAmplifier(ModbusDevice):
     settings from any program, and any request feeds its watchdog.
     """
 
-    contract = shaker_amplifier.CONTRACT
+    contract = SHAKER_AMPLIFIER
 
     @classmethod
     def at(cls, place: DevicePlace) -> Self:

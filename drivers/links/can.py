@@ -25,19 +25,21 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 from palpate.drivers.clock import WallClock
 from palpate.drivers.links import causes
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.can_block import Block, Octets, take_blocks
 from palpate.instrument.bench.links import (
     MULTICAST,
     WITHIN_MACHINE,
+    Block,
     CanBus,
+    Octets,
     Stepper,
     arrived,
     close_bus_in_child,
     keep_to_group,
     leave,
+    take_blocks,
 )
-from palpate.instrument.contracts.pdo import hand_over
-from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.contracts.declaration import hand_over
+from palpate.instrument.contracts.own import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
 from palpate.instrument.own_process import OwnLock
 
@@ -187,7 +189,7 @@ class Cyclic:
 
         Args:
             cob_id: identifier of the frames.
-            frames: their data, up to `palpate.instrument.contracts.pdo.MOST_CYCLIC`.
+            frames: their data, up to `palpate.instrument.contracts.declaration.MOST_CYCLIC`.
             period_us: time between two frames [us].
 
         Raises LinkError: nothing sends frames on time on this interface, or it failed.

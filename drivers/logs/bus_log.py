@@ -24,9 +24,9 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import Clock
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.can_block import time_of
 from palpate.instrument.bench.description import Listed
-from palpate.instrument.contracts import sensor_node
+from palpate.instrument.bench.links import time_of
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import RecordError, UsageError, check_path
 from palpate.instrument.own_process import Ends
 
@@ -374,7 +374,7 @@ WHOLE_FORMAT = ".pcapng"
 READ = (WHOLE_FORMAT, *CAN_FORMATS, CANDUMP)
 UNIT_ON_TCP, UNIT_ON_LINE = 6, 0  # index of the unit id in a frame
 CLOCK, RUN = "clock", "run"  # two notes: a time that the program read from the bench's clock [ns]; the run's header
-NODES = sensor_node.CONTRACT.name
+NODES = SENSOR_NODE.name
 NODE_ID = 0x7F  # bits of an identifier that hold the node id (CiA 301)
 FRAME = struct.Struct(">IB3x")  # Linux' struct can_frame up to its data
 EXTENDED, REMOTE, ERROR = 1 << 31, 1 << 30, 1 << 29

@@ -18,8 +18,7 @@ from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.curve import RatioCurve, chosen, corrected, ratio_curve
 from palpate.instrument.models.price_list import model_error, stored
-from palpate.instrument.models.ratio import RatioQuestion
-from palpate.instrument.models.response import AUTO
+from palpate.instrument.models.response import AUTO, RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validation_u
 from palpate.instrument.uncertainty.budget import coverage_factor
 

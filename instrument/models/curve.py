@@ -29,8 +29,7 @@ from palpate.instrument.models.response import AUTO, response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load, through
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.load import SAMPLES, Load, through
 
 if TYPE_CHECKING:
     from palpate.instrument.models.price_list import ModelChoice
@@ -198,7 +197,7 @@ def _exact(
 ) -> tuple[Curve, float] | None:
     """Poles of a finite-element model, and a bound on their error at moduli [Pa]; None: the model is in closed form."""
     if model == "surface" and tolerance is None:
-        from palpate.instrument.models.stored import surface
+        from palpate.instrument.models import surface
 
         found = surface.find(design, load)
         return found.poles, float(found.estimates(moduli)[0].max())

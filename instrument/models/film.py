@@ -22,7 +22,7 @@ from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 EDGES = ("free", "clamped")
 CIRCUITS = ("open", "short")

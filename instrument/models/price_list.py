@@ -334,7 +334,7 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> ModelChoi
 
 def _shipped_meet(design: Design, loads: Sequence[Load], tolerance: float) -> bool:
     """Whether the curves of model "surface" are of this sensor, and meet the tolerance by their own estimate."""
-    from palpate.instrument.models.stored import surface
+    from palpate.instrument.models import surface
 
     try:
         found = [surface.find(design, load).relative(np.array([load.sensed.modulus])) for load in loads]

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, RANGES
 from palpate.instrument.quantity import parse
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.procedures.accuracy.measure import seconds_of

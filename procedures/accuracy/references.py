@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import PHYSICAL
 from palpate.instrument.models.price_list import ReferenceRatios, fingerprint
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design

@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from palpate.instrument.bench.beside import COLUMNS
+from palpate.instrument.bench.description import COLUMNS
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.procedures.commands.options import BenchChoice, Output
 from palpate.procedures.console.terminal import say
@@ -26,8 +26,7 @@ from palpate.procedures.showing.text import print_all, where
 from palpate.procedures.steps.pause import NOBODY
 
 if TYPE_CHECKING:
-    from palpate.instrument.uncertainty.budget import Budget
-    from palpate.instrument.uncertainty.propagation import Propagated
+    from palpate.instrument.uncertainty.budget import Budget, Propagated
     from palpate.procedures.engine.limits import LimitsFile
     from palpate.procedures.engine.plan import Plan
     from palpate.procedures.engine.verdict import Judgement

@@ -52,7 +52,7 @@ from palpate.procedures.steps.flags import Judged, check_some_valid
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
     from palpate.instrument.sensor.design import Design
 
 

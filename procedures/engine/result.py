@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING, Any, Generic, Protocol, TypeVar
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from palpate.instrument.uncertainty.budget import Budget
-    from palpate.instrument.uncertainty.propagation import Propagated
+    from palpate.instrument.uncertainty.budget import Budget, Propagated
 
 P = TypeVar("P", bound="DataclassInstance")
 

@@ -15,7 +15,7 @@ from palpate.procedures.records.columns import columns_of
 from palpate.procedures.records.record import Recorder
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
     from palpate.instrument.sensor.design import Design
 
 
@@ -53,7 +53,7 @@ def asked(procedure: Procedure[S, P, R], design: Design) -> RatioQuestion | None
     found = procedure.model_question(design)
     if found is None:
         return None
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
 
     if not isinstance(found, RatioQuestion):
         raise _wrong(procedure, f"model_question returned {quoted(found)}", "it must return a Question or None")

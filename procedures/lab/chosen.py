@@ -9,7 +9,7 @@ from pathlib import Path
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.kinds import KINDS, Role
 from palpate.instrument.bench.operator import Operator
-from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.contracts.own import CHANNELS
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target, with_kinds

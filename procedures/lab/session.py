@@ -17,7 +17,7 @@ from palpate.instrument.additions import Addition
 from palpate.instrument.arithmetic import arithmetic
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.calibration import Calibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
@@ -39,7 +39,7 @@ from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
 
 
 class Promise(TypedDict):

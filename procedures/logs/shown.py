@@ -24,14 +24,14 @@ from palpate.drivers.logs.bus_log import (
     read_pcapng,
 )
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, sdo
 from palpate.instrument.contracts.maps.map_file import read_map
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.quantity import counted
 from palpate.procedures.logs.modbus_shown import Conversation, take
 
-NODE = sensor_node.CONTRACT
+NODE = SENSOR_NODE
 NODE_BITS = 0x7F  # bits of an identifier that hold the node id
 NMT, SYNC, EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x600, 0x700
 COMMANDS = {1: "start", 2: "stop", 0x80: "enter pre-operational", 0x81: "reset node", 0x82: "reset communication"}

@@ -17,8 +17,14 @@ from numpy.polynomial import Chebyshev
 from numpy.typing import NDArray
 
 from palpate.instrument.models.film import film_response
-from palpate.instrument.models.parameter_sets import ParameterSet, get_parameter_set
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.parameters import (
+    ParameterSet,
+    RoundParameters,
+    SolidParameters,
+    get_parameter_set,
+    round_parameters,
+    solid_parameters,
+)
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import ThesisTable

@@ -14,7 +14,7 @@ from statistics import fmean
 from typing import TYPE_CHECKING, Any, Protocol
 from xml.sax.saxutils import escape
 
-from palpate.instrument.bench.beside import Beside
+from palpate.instrument.bench.description import Beside
 from palpate.instrument.durable import numbered
 from palpate.instrument.errors import UsageError
 from palpate.procedures.records.columns import columns_of

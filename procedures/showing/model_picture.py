@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.parameters import round_parameters, solid_parameters
-from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion, ask
+from palpate.instrument.models.parameters import get_parameter_set, round_parameters, solid_parameters
+from palpate.instrument.models.response import RatioAnswer, RatioQuestion, ask
 from palpate.instrument.models.solid.ladders import has_many_teeth
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.load import SAMPLES, Load
 from palpate.instrument.thesis import read_table
 from palpate.procedures.showing.figure import name_all, write
 

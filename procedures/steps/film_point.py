@@ -18,7 +18,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.roles import Exciter
-from palpate.instrument.contracts.sensor_node import LONGEST_WHOLE
+from palpate.instrument.contracts.own import LONGEST_WHOLE
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, film_forces
 from palpate.instrument.sensor.design import FILM_KINDS, Design

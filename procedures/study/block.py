@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.film_forces import mean_ratio
 from palpate.procedures.steps.flags import FLAGS
 
 Column = npt.NDArray[Any]

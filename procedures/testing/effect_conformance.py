@@ -13,7 +13,7 @@ import pytest
 import tomli_w
 
 from palpate.instrument.arrays import Floats, Times
-from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.bounds import SIGMAS, bound_of

@@ -8,10 +8,10 @@ from collections.abc import Callable
 from contextlib import AbstractContextManager
 from typing import TYPE_CHECKING, Any
 
-from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.quantity import parse, show
-from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.sensor.load import get_sample
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.rig import SimulatedOperator
 

@@ -10,11 +10,9 @@ from typing import Any, Self
 
 import numpy as np
 
-from palpate.instrument.bench.role_maps.exciter import WATCHDOG, ExciterMap
-from palpate.instrument.contracts import shaker_amplifier, signal_generator
+from palpate.instrument.bench.role_maps import WATCHDOG, ExciterMap
 from palpate.instrument.contracts.contract import Field, Pdo
-from palpate.instrument.contracts.shaker_amplifier import FAULTS
-from palpate.instrument.contracts.signal_generator import LARGEST_PEAK
+from palpate.instrument.contracts.own import FAULTS, LARGEST_PEAK, SHAKER_AMPLIFIER, SIGNAL_GENERATOR
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.positioner import OF_THE_STATE, DriveState
 from palpate.simulators.devices.twin import CanopenTwin
@@ -38,7 +36,7 @@ FREQUENCY_STEPS = 1000  # steps per hertz: the resolution is 1 mHz
 class SimulatedSignalGenerator(SimulatedDevice):
     """The signal generator. Calls `changed` when its output may have changed."""
 
-    contract = signal_generator.CONTRACT
+    contract = SIGNAL_GENERATOR
 
     @classmethod
     def at(cls, place: SimulatedPlace) -> Self:
@@ -194,7 +192,7 @@ class SimulatedShakerAmplifier(SimulatedDevice):
         coil_resistance: resistance of the shaker's coil [ohm].
     """
 
-    contract = shaker_amplifier.CONTRACT
+    contract = SHAKER_AMPLIFIER
 
     @classmethod
     def at(cls, place: SimulatedPlace) -> Self:

@@ -10,9 +10,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.arrays import Floats
-from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
-from palpate.instrument.contracts import strain_indicator
+from palpate.instrument.bench.role_maps import NOT, LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.contract import Command
+from palpate.instrument.contracts.own import STRAIN_INDICATOR
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.rig import Rig, RigLoadCell
@@ -213,7 +213,7 @@ COMMAND_NS = 50_000_000  # ns that a command takes [A]
 class SimulatedStrainIndicator(SimulatedDevice):
     """Our strain indicator, which has what no map tells: a peak detector over a window, and commands that take time."""
 
-    contract = strain_indicator.CONTRACT
+    contract = STRAIN_INDICATOR
     readings = ("reading", "reading_float", "updates")
 
     @classmethod

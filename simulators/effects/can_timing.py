@@ -8,7 +8,7 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from palpate.instrument.contracts.sensor_node import CHANNELS, bus_load, stuff_bits
+from palpate.instrument.contracts.own import CHANNELS, bus_load, stuff_bits
 from palpate.instrument.quantity import BitsPerSecond
 from palpate.simulators.physics.effect import Bound, CanEffect, Case, Kind
 

@@ -19,12 +19,11 @@ import numpy.typing as npt
 
 from palpate.instrument.additions import taken
 from palpate.instrument.arrays import Complexes, Floats, Times
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import check_force
-from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.sensor.load import Sample, check_force, get_sample
 from palpate.instrument.signals.dwell import LONGEST
 from palpate.simulators.bounds import bound_of
 from palpate.simulators.clock import VirtualClock

@@ -16,11 +16,19 @@ from can.interfaces.virtual import VirtualBus
 from canopen.network import MessageListener
 from canopen.sdo.exceptions import SdoAbortedError
 
-from palpate.instrument.bench.can_block import Block, takes_blocks
-from palpate.instrument.bench.links import MULTICAST, WITHIN_MACHINE, arrived, close_bus_in_child, keep_to_group, leave
+from palpate.instrument.bench.links import (
+    MULTICAST,
+    WITHIN_MACHINE,
+    Block,
+    arrived,
+    close_bus_in_child,
+    keep_to_group,
+    leave,
+    takes_blocks,
+)
 from palpate.instrument.contracts.contract import Field, Pdo
+from palpate.instrument.contracts.declaration import Receiver
 from palpate.instrument.contracts.object_dictionary import object_dictionary
-from palpate.instrument.contracts.pdo import Receiver
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import close_in_child
 from palpate.simulators.clock import VirtualClock

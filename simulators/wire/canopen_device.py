@@ -13,10 +13,9 @@ from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer as CanopenSdoServer
 
 from palpate.instrument.arrays import Floats, Times
-from palpate.instrument.bench.can_block import Octets
+from palpate.instrument.bench.links import Octets
 from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
-from palpate.instrument.contracts.field import codec
-from palpate.instrument.contracts.pdo import (
+from palpate.instrument.contracts.declaration import (
     AT_SYNC,
     COB_ID,
     KEPT,
@@ -27,6 +26,7 @@ from palpate.instrument.contracts.pdo import (
     TRANSMISSION_TYPE,
     is_relative,
 )
+from palpate.instrument.contracts.field import codec
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.device import SimulatedPlace, first_settings
 

@@ -14,8 +14,7 @@ from collections import deque
 from collections.abc import Callable
 from typing import Self
 
-from palpate.instrument.own_process import Ends, close_in_child
-from palpate.instrument.whole import Whole
+from palpate.instrument.own_process import Ends, Whole, close_in_child
 from palpate.simulators.clock import VirtualClock
 
 # --- the loop ------------------------------------------------------------------------------------------

@@ -25,8 +25,8 @@ from palpate.drivers.clock import WallClock
 from palpate.drivers.links.modbus import read_registers
 from palpate.drivers.logs.bus_log import BusLog, Link, read_pcapng
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
-from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract, Field
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import BenchError
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
@@ -130,7 +130,7 @@ def _number(contract: Contract, field: Field, value: float) -> str:
 
 def _canopen(served: Served) -> tuple[str, list[str]]:
     node = served.sim.nodes[0]
-    fields = {f.name: f for f in sensor_node.CONTRACT.fields if f.access != "wo"}
+    fields = {f.name: f for f in SENSOR_NODE.fields if f.access != "wo"}
     asked = json.dumps([[f.index, f.subindex, name] for name, f in fields.items()])
     with (
         can.Bus(interface=MULTICAST, channel=served.description.links["can"].channel, hop_limit=0) as bus,

@@ -21,10 +21,10 @@ import numpy as np
 from palpate.drivers.bench import Bench
 from palpate.instrument.allocation.stopping import first_sets
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.load import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, _remounts

@@ -15,7 +15,7 @@ from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.load_indicator import LARGEST_LOSS, POLLS, Following, MappedLoadIndicator, pauses
 from palpate.drivers.roles import why_invalid
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass
+from palpate.instrument.bench.role_maps import LoadIndicatorMap, LoadIndicatorSettings, LowPass
 from palpate.instrument.contracts.contract import Value
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.clock import VirtualClock

@@ -10,8 +10,7 @@ from typing import Any
 import pytest
 import tomli_w
 
-from palpate.instrument.bench.comparison import compared
-from palpate.instrument.bench.description import BenchDescription, recorded_bench
+from palpate.instrument.bench.description import BenchDescription, compared, recorded_bench
 from palpate.procedures.records.resumed import COMPARED, comparable, differences
 from tests.drivers.benches import new_form
 from tests.drivers.outside import installed

@@ -19,10 +19,9 @@ from palpate.instrument.models.axisymmetric.direct import DirectSolution, solve,
 from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.axisymmetric.model import solve_to
 from palpate.instrument.models.finite_elements import elements, solving
-from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
-from palpate.instrument.models.parameters import RoundParameters, round_parameters
+from palpate.instrument.models.parameters import IDENTIFIED_ROUND, RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 from palpate.instrument.thesis import read_table
 from tests.instrument import naive
 from tests.settings import round_sensors

@@ -13,7 +13,7 @@ from palpate.instrument.models.axisymmetric.curves import face_pressure
 from palpate.instrument.models.axisymmetric.direct import DirectSolution, solve
 from palpate.instrument.models.axisymmetric.mesh import Grid
 from palpate.instrument.models.parameters import RoundParameters
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 CASE_A = RoundParameters()
 WIDE = replace(

@@ -16,8 +16,7 @@ import pytest
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.axisymmetric import direct
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import CAPPED
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import CAPPED, RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.parts import SolidStack

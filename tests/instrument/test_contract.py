@@ -12,7 +12,7 @@ import pytest
 
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity
-from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 
 RANGES = {

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import PROBE, Contract, Field, Identity, probe
-from palpate.instrument.contracts.sensor_node import shortest_transfer, stuff_bits
+from palpate.instrument.contracts.own import shortest_transfer, stuff_bits
 from palpate.instrument.errors import RangeError, UnknownName
 
 OVEN = Contract(

@@ -10,8 +10,7 @@ import pytest
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.estimate import SineFit, amplitude_ratio, fit_sine
-from palpate.instrument.signals.sine_columns import CONDITION_LIMIT
+from palpate.instrument.signals.estimate import CONDITION_LIMIT, SineFit, amplitude_ratio, fit_sine
 from tests.shares import first_of
 
 FREQUENCY = 10.0

@@ -14,8 +14,7 @@ from pymodbus.framer import FramerRTU
 from palpate.instrument.config import check
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Command, Field, Pdo, Scaling, sdo
-from palpate.instrument.contracts.maps.frames import crc
-from palpate.instrument.contracts.maps.golden_frames import computed, prove
+from palpate.instrument.contracts.maps.golden_frames import computed, crc, prove
 from palpate.instrument.contracts.maps.map_file import FrameTable, GoldenFrame, frame_of
 from tests.contracts import canopen_contract as node
 from tests.contracts import modbus_contract as modbus

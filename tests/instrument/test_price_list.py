@@ -12,8 +12,7 @@ from palpate.instrument import shipped
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, SolidParameters
 from palpate.instrument.models.price_list import (
     AUTO_TOLERANCE,
     Machine,

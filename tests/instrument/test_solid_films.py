@@ -10,8 +10,7 @@ import pytest
 from palpate.instrument.models import film
 from palpate.instrument.models.axisymmetric import direct
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, SolidParameters
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
@@ -19,7 +18,7 @@ from palpate.instrument.models.solid.model import solve_on
 from palpate.instrument.models.solid.system import System, section
 from palpate.instrument.models.table import FilmLoad
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PVDF
 from tests import meshes
 from tests.instrument.coupled import coupled
 

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.instrument.arrays import Floats
-from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.clock import NEVER, VirtualClock

@@ -8,7 +8,7 @@ import can
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.instrument.contracts.own import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError
 from palpate.procedures.testing.wire import frames, payloads
 from palpate.simulators.bench import SimulatedBench

@@ -11,8 +11,7 @@ import pytest
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.designs.array import MOST, array_of
+from palpate.instrument.sensor.designs import MOST, array_of, get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier

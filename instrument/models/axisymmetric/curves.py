@@ -36,9 +36,8 @@ from palpate.instrument.models.axisymmetric.mesh import (
 )
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, extrapolated
-from palpate.instrument.models.finite_elements.kept import keep
 from palpate.instrument.models.finite_elements.poles import Curve, Sensor, capacitance, charge, curve
-from palpate.instrument.models.finite_elements.work import single
+from palpate.instrument.models.finite_elements.work import keep, single
 from palpate.instrument.models.parameters import RoundParameters
 
 Number = TypeVar("Number", bound=np.generic)

@@ -21,7 +21,7 @@ from palpate.instrument.models.finite_elements.elements import LineIntegrals
 from palpate.instrument.models.finite_elements.solving import Elements
 from palpate.instrument.models.finite_elements.work import Each
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
 NEAR = 1e-9  # share of its distance from the axis by which a corner is beside another; nearer ones are one

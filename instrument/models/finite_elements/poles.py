@@ -21,7 +21,7 @@ import numpy as np
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.work import go_on
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 if TYPE_CHECKING:
     from palpate.instrument.models.finite_elements.elimination import Condensed

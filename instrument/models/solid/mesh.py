@@ -19,7 +19,7 @@ from skfem import Basis, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuad
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 logging.getLogger("skfem").addHandler(logging.NullHandler())  # it tells of copies of large meshes
 

@@ -20,10 +20,9 @@ from numpy.typing import NDArray
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import ladder as between
-from palpate.instrument.models.finite_elements.kept import is_kept, keep
 from palpate.instrument.models.finite_elements.ladder import LEAST, Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.finite_elements.work import Cost, fits, judge, single, total
+from palpate.instrument.models.finite_elements.work import Cost, fits, is_kept, judge, keep, single, total
 from palpate.instrument.models.parameters import SHARED_LENGTHS, SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve

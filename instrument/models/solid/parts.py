@@ -29,7 +29,7 @@ from palpate.instrument.models.solid.mesh import (
     plan_basis,
     plan_mesh,
 )
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 HELD, UNNAMED = -1, -2
 ALL, NORMAL = (0, 1, 2), (2,)

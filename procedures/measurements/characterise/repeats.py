@@ -19,12 +19,12 @@ from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, b
 from palpate.instrument.allocation.stopping import answer, enough, first_sets
 from palpate.instrument.allocation.table import FIRST, MOST_SETS, ROUNDING, Allocation, RunOption, allocation
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.film_forces import NOISE, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.quantity import as_typed, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.signals.rapid_noise import of_greatest
+from palpate.instrument.signals.noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Predicted, noise_of
 from palpate.procedures.engine.promise import RELATIVE, RESULTS, Expected

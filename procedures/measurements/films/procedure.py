@@ -21,7 +21,7 @@ from palpate.instrument.allocation.table import Allocation, OutOfReach, allocate
 from palpate.instrument.calibration.films import FEWEST, LOAD_CELL, REPEATS, FilmReading, calibrate_films
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
-from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
+from palpate.instrument.findings.film_forces import NOISE, PRIOR_FREEDOM
 from palpate.instrument.quantity import check_tolerance, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.signals.estimate import SineFit

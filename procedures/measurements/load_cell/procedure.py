@@ -12,10 +12,17 @@ from typing import TYPE_CHECKING, Annotated
 import numpy as np
 
 from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
-from palpate.instrument.calibration.classification import ISO_376, lacking_for_iso_376, quantities, short_of_iso_376
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_curve import load_cell_curve
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
+from palpate.instrument.calibration.load_cell import (
+    ISO_376,
+    STANDARD_GRAVITY,
+    THESIS_LOAD_CELL,
+    LoadCellCalibration,
+    calibrate_load_cell,
+    lacking_for_iso_376,
+    load_cell_curve,
+    quantities,
+    short_of_iso_376,
+)
 from palpate.instrument.errors import DeviceError, EstimateError, RangeError, UnknownName, UsageError, quoted
 from palpate.instrument.quantity import LARGEST_TOLERANCE, check_tolerance, counted, show
 from palpate.procedures.engine.plan import Plan, Step

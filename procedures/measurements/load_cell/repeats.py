@@ -17,22 +17,22 @@ import numpy.typing as npt
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, allocate, allocation
-from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.displayed import displayed_curve, rounding_u
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_curve import (
+from palpate.instrument.calibration.load_cell import (
     CURVE,
     POSITIONS,
     REPEATABILITY,
     WEIGHTS,
+    LoadCellCalibration,
+    WeightRun,
+    displayed_curve,
     load_cell_curve,
+    rounding_u,
     slope_u,
 )
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import counted, plus_minus, show
-from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
+from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, mean_u
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
-from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Predicted
 from palpate.procedures.engine.promise import RESULTS, Expected
 from palpate.procedures.lab.lab import MOUNTING

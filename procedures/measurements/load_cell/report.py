@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from palpate.instrument.calibration.classification import Classification, iso_376_class_of
+from palpate.instrument.calibration.load_cell import Classification, iso_376_class_of
 from palpate.instrument.quantity import show
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.load_cell.result import LOADING, UNLOADING, LoadCellPoint, LoadCellResult

@@ -9,9 +9,7 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration, WeightRun, load_budget
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column

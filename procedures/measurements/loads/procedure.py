@@ -13,11 +13,19 @@ from palpate.instrument.allocation.stopping import RunRatio, answer, enough
 from palpate.instrument.allocation.table import Allocation, RunOption, dwells
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
-from palpate.instrument.findings.film_forces import calibration_u, film_forces, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.film_forces import (
+    CALIBRATION,
+    NOISE,
+    PICKUP,
+    PRIOR_FREEDOM,
+    SCATTER,
+    calibration_u,
+    film_forces,
+    pickup_u,
+)
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
-from palpate.instrument.sensor.sample import get_sample, parse_samples
+from palpate.instrument.sensor.load import get_sample, parse_samples
 from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width, whole_steps
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds

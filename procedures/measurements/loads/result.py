@@ -8,8 +8,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any, Protocol
 
 from palpate.instrument.allocation.stopping import RunRatio
-from palpate.instrument.findings.film_forces import ToothPoint
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.film_forces import ToothPoint, mean_ratio
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget
 from palpate.procedures.measurements import columns

@@ -13,10 +13,17 @@ import numpy as np
 from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
-from palpate.instrument.findings.compression import LOADING, POSITION_STEP, UNLOADING, compress
-from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, DisplaySeries
+from palpate.instrument.findings.compression import (
+    LEAST_POINTS,
+    LOADING,
+    POSITION_STEP,
+    SURE,
+    UNLOADING,
+    DisplaySeries,
+    compress,
+)
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.sensor.load import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report
 from palpate.procedures.engine.promise import Expected, predicted

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 from palpate.instrument.findings.compression import CompressionPoint
 from palpate.instrument.quantity import show, show_with_u
 from palpate.instrument.thesis import COMPRESSION_TABLES, ThesisTable, read_table
-from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.instrument.uncertainty.budget import Propagated
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.modulus.result import ModulusResult
 from palpate.procedures.records.columns import Column

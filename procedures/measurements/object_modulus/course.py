@@ -17,10 +17,10 @@ from palpate.instrument.allocation.stopping import (
     pooled,
 )
 from palpate.instrument.allocation.table import FIRST, OutOfReach
-from palpate.instrument.findings.mean_ratio import CALIBRATION, PRIOR_FREEDOM
+from palpate.instrument.findings.film_forces import CALIBRATION, PRIOR_FREEDOM
 from palpate.instrument.findings.object_modulus import COVERAGE, estimate
 from palpate.instrument.models.curve import RatioCurve
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import plus_minus, show
 from palpate.instrument.sensor.design import Design

@@ -18,12 +18,12 @@ import numpy as np
 from palpate.instrument.allocation.lines import BudgetLine, RepeatUnit
 from palpate.instrument.allocation.table import FIRST
 from palpate.instrument.arrays import Floats
-from palpate.instrument.findings.mean_ratio import NOISE as BY_NOISE
-from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.film_forces import NOISE as BY_NOISE
+from palpate.instrument.findings.film_forces import PRIOR_FREEDOM, SCATTER
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.load import Sample
 from palpate.procedures.engine.plan import APPROACH, noise_of, point_seconds
 from palpate.procedures.engine.promise import Expected
 

@@ -10,11 +10,11 @@ from functools import partial
 from typing import Annotated
 
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.calibration.model_fit import expected_u
+from palpate.instrument.calibration.model_calibration import expected_u
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.findings.film_forces import calibration_u, pickup_u
 from palpate.instrument.models.curve import RatioCurve, ratio_curve
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import validate
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design

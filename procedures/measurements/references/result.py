@@ -12,8 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.model_fit import MeasuredReference, fit_model
+from palpate.instrument.calibration.model_calibration import MeasuredReference, ModelCalibration, fit_model
 from palpate.instrument.config import check
 from palpate.instrument.errors import (
     ConfigError,
@@ -24,14 +23,14 @@ from palpate.instrument.errors import (
     UsageError,
     quoted,
 )
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER, mean_ratio
+from palpate.instrument.findings.film_forces import CALIBRATION, NOISE, PICKUP, SCATTER, mean_ratio
 from palpate.instrument.findings.object_modulus import MOST_SENSITIVE
 from palpate.instrument.models.curve import RatioCurve
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
+from palpate.instrument.sensor.load import SAMPLES, Sample, get_sample
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.procedures.lab.store import store
 from palpate.procedures.measurements.modulus.procedure import ModulusTest

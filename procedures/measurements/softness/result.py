@@ -9,10 +9,10 @@ from dataclasses import asdict, dataclass, replace
 from typing import Annotated, Any
 
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.findings.mean_ratio import CALIBRATION, apart, mean_ratio
+from palpate.instrument.findings.film_forces import CALIBRATION, apart, mean_ratio
 from palpate.instrument.findings.object_modulus import COVERAGE, ByReferences, answering, estimate, validation_of
 from palpate.instrument.models.price_list import stored
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.uncertainty.budget import Budget, Component

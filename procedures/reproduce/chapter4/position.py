@@ -7,8 +7,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import SolidParameters, get_parameter_set, solid_parameters
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.chapter4.theory import table_ratio

@@ -8,7 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence
-from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import get_parameter_set
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.curves import RING, ring_of
 from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison

@@ -9,11 +9,10 @@ from pathlib import Path
 
 import numpy as np
 
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.instrument.signals.harmonics import Distortion, distortion
-from palpate.instrument.signals.oscilloscope import Oscilloscope, ScopeReading
+from palpate.instrument.signals.harmonics import Distortion, Oscilloscope, ScopeReading, distortion
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.agreement import FALSE_ALARMS
 

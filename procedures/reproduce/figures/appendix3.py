@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from palpate.instrument.calibration.bridge import Bridge
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.reproduce.figures.picture import SavedPicture, canvas, legend, save
 
 BRIDGE = "Figure A3.5"

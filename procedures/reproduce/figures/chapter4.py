@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
-from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import PHYSICAL
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design

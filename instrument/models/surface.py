@@ -3,7 +3,7 @@
     find(get_design("single"), load).force_ratios(np.array([24e3, 1e5]))
 
 They are the curves of a finite-element model's first meshes over the modulus of the object, for the designs and the
-sets of parameters in `stored/curves`. A file's name tells the design, the refinement and the start of its hash.
+sets of parameters in the folder `curves`. A file's name tells the design, the refinement and the start of its hash.
 """
 
 from __future__ import annotations
@@ -19,8 +19,8 @@ from pathlib import Path
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements.kept import SUFFIX, read, write
 from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.finite_elements.work import SUFFIX, read, write
 from palpate.instrument.models.parameters import (
     CODE_VERSION,
     Parameters,
