@@ -94,19 +94,17 @@ class PlottedSection:
 
 
 def _round_section(design: Design, load: Load) -> PlottedSection:
-    from palpate.instrument.models.axisymmetric import direct
+    from palpate.instrument.models.axisymmetric import curves, model
 
     parameters = round_parameters(design, load)
-    solution = direct.solve(parameters, SECTION_REFINEMENT)
-    bodies = {
-        name: _both_sides(PlottedBody(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()
-    }
+    found = curves.section(parameters, *model.resolution_of(SECTION_REFINEMENT))
+    bodies = {name: _both_sides(PlottedBody(f.radius, f.height, f.radial, f.axial)) for name, f in found.fields.items()}
     tooth, end = parameters.tooth_radius, min(parameters.sensed_radius, parameters.ring_outer_radius)
     return PlottedSection(
         across="radius",
         bodies=bodies,
-        x=solution.face.radius,
-        pressure=solution.face.pressure,
+        x=found.face.radius,
+        pressure=found.face.pressure,
         teeth=((-tooth, tooth),),
         edges=np.array([tooth, parameters.ring_inner_radius, end]),
         mean=1 / (math.pi * parameters.sensed_radius**2),

@@ -12,7 +12,6 @@ from typing import TypeVar
 
 import numpy as np
 
-from palpate.instrument.models.axisymmetric import direct
 from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.axisymmetric.model import OPEN, REFINEMENTS, resolution_of
 from palpate.instrument.models.finite_elements.ladder import estimates
@@ -21,6 +20,7 @@ from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, roun
 from palpate.instrument.sensor.designs import get_design
 from tests.benchmarks import solid
 from tests.benchmarks.row import Row
+from tests.instrument import direct_round as direct
 
 T = TypeVar("T")
 

@@ -18,8 +18,6 @@ from numpy.typing import NDArray
 from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.elements import LineIntegrals
-from palpate.instrument.models.finite_elements.solving import Elements
-from palpate.instrument.models.finite_elements.work import Each
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
 from palpate.instrument.sensor.material import FilmMaterial
 
@@ -195,7 +193,6 @@ def inside(lines: Floats, extent: Sequence[float]) -> NDArray[np.intp]:
 
 SHEETS = ("object", "base", "tooth", "ring")
 RADIAL, AXIAL = 0, 1
-WHOLE = 2500  # least number of shared unknowns for two threads; for fewer, they lose more by waiting than they gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -211,19 +208,6 @@ class BodyElements:
         return int(self.elements.stop - self.elements.start)
 
 
-@dataclass(frozen=True, slots=True)
-class Numbering:
-    """Global numbers of the elements' unknowns, as `solving.Elements` has them."""
-
-    unknowns: Indices
-    size: int
-    shared: int
-    inner: NDArray[np.bool_]
-    subdomain: Indices
-    subdomains: int
-    seam: int
-
-
 def parts(mesh: Grid) -> list[BodyElements]:
     """Elements of each body, ordered by radius and then by height."""
     found, start = [], 0
@@ -237,10 +221,10 @@ def parts(mesh: Grid) -> list[BodyElements]:
 
 def number(
     parameters: RoundParameters, mesh: Grid, r: LineIntegrals, z: LineIntegrals, bodies: list[BodyElements]
-) -> Numbering:
-    """Number the unknowns: shared ones first, in the order of elimination, then those inside elements.
+) -> tuple[Indices, int]:
+    """Numbers (elements, n) of the unknowns, and how many there are; fixed unknowns have that number.
 
-    Fixed unknowns have the number `size`.
+    Shared ones come first, in the order of a nested dissection, then those inside elements.
     """
     local = r.dofs.shape[1]
     names = np.concatenate([_names(parameters, mesh, r, z, part) for part in bodies])
@@ -254,22 +238,17 @@ def number(
     size = shared + len(names) * count
     places = np.where(outer >= 0, (np.cumsum(named) - 1)[outer], shared)
     rank = np.full(shared + 1, size)
-    order, subdomain, seam = _dissection(mesh, bodies, places, shared)
-    rank[order] = np.arange(shared)
+    rank[_dissection(mesh, bodies, places, shared)] = np.arange(shared)
     unknowns = np.empty(names.shape, dtype=np.intp)
     unknowns[:, ~inner] = rank[places]
     unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
-    return Numbering(unknowns, size, shared, inner, subdomain, int(subdomain.max()) + 1, seam)
+    return unknowns, size
 
 
-def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count: int) -> tuple[Indices, Indices, int]:
+def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count: int) -> Indices:
     """Order of the elements' unknowns (elements, m) below `count` by nested dissection (George 1973).
 
     The grid is halved by its rows and by its columns in turn. Unknowns in both halves come after those in one half.
-    Elimination in this order takes two thirds of the time of SuperLU's own order.
-
-    Returns:
-        The order, the half in which each element lies, and the number of unknowns that lie in one half only.
     """
     intervals = len(mesh.radii) - 1, len(mesh.heights) - 1
     halvings = max(intervals).bit_length()
@@ -282,11 +261,7 @@ def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count
     np.maximum.at(last, flat, paths)
     # Number of the last halvings that separate the elements of an unknown.
     _, apart = np.frexp((first ^ last)[:count].astype(np.float64))
-    order = np.lexsort((apart, last[:count] | (1 << apart) - 1))
-    if count < WHOLE:
-        return order, np.zeros_like(path), count
-    first_halving = 2 * halvings - 1
-    return order, path >> first_halving, int(np.count_nonzero(apart <= first_halving))
+    return np.lexsort((apart, last[:count] | (1 << apart) - 1))
 
 
 def within(radius: float, mesh: Grid, r: LineIntegrals) -> NDArray[np.bool_]:
@@ -339,64 +314,8 @@ def _names(parameters: RoundParameters, mesh: Grid, r: LineIntegrals, z: LineInt
 # Poisson ratios from which on a body keeps its pressure as an unknown: any body, and those that are of rubber.
 MIXED_POISSON, RUBBER_MIXED_POISSON = 0.4, 0.2
 RUBBER = ("object", "ring")
-# Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
-BULK_BOUND = 1e5
 # Least compliance of the dilatation, over that of shear, with which pressures are eliminated.
 LEAST_COMPLIANCE = 1e-4
-
-
-def assemble(
-    numbering: Numbering,
-    r: el.LineIntegrals,
-    z: el.LineIntegrals,
-    bodies: list[BodyElements],
-    keeping: list[BodyElements],
-    each: Each,
-) -> Elements:
-    """Element matrices of all bodies, per radian.
-
-    Args:
-        numbering: numbers of the unknowns.
-        r, z: integrals over the radius and over the height.
-        bodies: all bodies.
-        keeping: bodies that keep their pressure as an unknown.
-        each: runs a function for all subdomains at once.
-    """
-    stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
-    mixed: list[int] = []
-    pairs = r.dilatation.shape[1] ** 2
-    dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
-    compliance: list[float] = []
-    bound: list[float] = []
-
-    kept = [part.body for part in keeping]
-
-    def filled(share: list[BodyElements]) -> None:
-        for part in share:
-            fill(part.columns, part.rows, constants(part.body, part.body in kept), out=stiffness[part.elements])
-
-    by_size, count = sorted(bodies, key=len, reverse=True), numbering.subdomains
-    each(filled, [by_size[share::count] for share in range(count)])
-    for part in keeping:
-        shear = part.body.shear
-        dilatation.append(el.dilatation(r, z, part.columns, part.rows))
-        mixed += range(part.elements.start, part.elements.stop)
-        compliance += [compliance_of(part.body) / shear] * len(part)
-        bound += [1 / (BULK_BOUND * shear)] * len(part)
-    return Elements(
-        stiffness=stiffness,
-        unknowns=numbering.unknowns,
-        inner=numbering.inner,
-        size=numbering.size,
-        shared=numbering.shared,
-        subdomain=numbering.subdomain,
-        subdomains=numbering.subdomains,
-        seam=numbering.seam,
-        mixed=np.array(mixed, dtype=np.intp),
-        dilatation=np.concatenate(dilatation),
-        compliance=np.array(compliance),
-        bound=np.array(bound),
-    )
 
 
 def constants(body: AxisymmetricBody, mixed: bool) -> el.Constants:

@@ -454,29 +454,6 @@ def _independent(columns: Floats, beside: Floats | None = None) -> Floats:
 #     (C + bᵀz) V = b·u,    displacements u - z V
 
 
-class Circuits:
-    """Open films.
-
-    Attributes:
-        capacity: (films, films), inverse of C + bᵀz [1/F].
-
-    Args:
-        capacitances: (films,), capacitances of clamped films [F].
-        charges: (films, films), charge of each film under the forces b of each film [C/V].
-    """
-
-    def __init__(self, capacitances: Floats, charges: Floats) -> None:
-        # Films may differ much in size. The scaled matrix has a diagonal of 1 and small other elements.
-        matrix = np.diag(capacitances) + (charges + charges.T) / 2
-        scale = 1 / np.sqrt(capacitances)
-        self.capacity: Floats = np.outer(scale, scale) * np.linalg.inv(matrix * np.outer(scale, scale))
-
-    def voltages(self, charges: Floats) -> Floats:
-        """Voltages of open films [V], from the charges that would leave them in short circuit [C]."""
-        found: Floats = self.capacity @ charges
-        return found
-
-
 def capacitance(material: FilmMaterial, area: float, thickness: float) -> float:
     """Capacitance of a clamped film [F]."""
     return material.stiff()[2] * area / thickness

@@ -14,9 +14,8 @@ import stat
 import sys
 import threading
 import time
-from collections.abc import Callable, Iterable, Iterator, Sequence
-from concurrent.futures import ThreadPoolExecutor
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable, Iterable, Iterator
+from contextlib import contextmanager
 from contextvars import ContextVar, copy_context
 from dataclasses import dataclass, fields, is_dataclass
 from importlib.metadata import version
@@ -152,31 +151,9 @@ def _in_limit() -> int | None:
     return max(0, most - taken)
 
 
-# --- threads: numpy and SuperLU leave Python's lock to the others ----------------------------------------
+# --- threads ---------------------------------------------------------------------------------------------
 
 _given_up: ContextVar[threading.Event | None] = ContextVar("given_up", default=None)
-
-# Runs a function for all shares at once and returns the results in their order.
-Each = Callable[[Callable[[Any], Any], Sequence[Any]], list[Any]]
-
-
-@contextmanager
-def one_each(shares: int) -> Iterator[Each]:
-    """Run each share of the work in a thread of its own; the first is the caller's.
-
-    A share stays with its thread, because SuperLU gives memory back only in the thread that took it.
-    """
-    with ExitStack() as stack:
-        if shares > 1:
-            stack.enter_context(single())
-        pools = [stack.enter_context(ThreadPoolExecutor(1)) for _ in range(shares - 1)]
-
-        def each(work: Callable[[Any], Any], of: Sequence[Any]) -> list[Any]:
-            own, *others = of
-            begun = [pool.submit(work, other) for pool, other in zip(pools, others, strict=True)]
-            return [work(own), *(other.result() for other in begun)]
-
-        yield each
 
 
 @contextmanager
