@@ -290,7 +290,8 @@ def section(parameters: RoundParameters, degree: int, layers: int) -> RoundSecti
         """Displacements of all unknowns, then forces on the shape functions of the object's lower side."""
         felt, pressed = (side.condensed_at(of.contact, added, remembers=True) for side in (of.sensor, of.sensed))
         sensor = of.opened(felt)
-        moved = np.linalg.solve(sensor.stiffness + modulus * pressed.stiffness, pressed.loads[:, 0])
+        stiffness = sensor.stiffness + modulus * pressed.stiffness
+        moved = np.asarray(np.linalg.solve(stiffness, pressed.loads[:, 0]), dtype=np.float64)
         factors = np.zeros(felt.loads.shape[1])
         factors[: len(of.films)] = -sensor.capacity @ (sensor.charges.T @ moved)
         displacement = np.zeros(of.size + 1)

@@ -14,7 +14,7 @@ import ctypes
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, c_char_p, c_double, c_int, c_void_p
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -639,6 +639,8 @@ class _Elimination:
 # Pressures are eliminated inside each element, which takes a compliance 1/λ above 0. What is condensed is a smooth
 # function of that compliance. So it is found at several somewhat greater ones, and extrapolated to the true one.
 
+Number = TypeVar("Number", float, Floats)
+
 # Multiples of the step, and Lagrange's weights at 0.
 NODES = ((1.0, 4.0), (2.0, -6.0), (3.0, 4.0), (4.0, -1.0))
 
@@ -664,11 +666,12 @@ def extrapolated(condensed: Callable[[float], Condensed], step: float) -> Conden
     )
 
 
-def extrapolated_number(value: Callable[[float], float], step: float) -> float:
-    """A number at the true compliance that makes sense beside `extrapolated` matrices alone, as their differences do.
+def extrapolated_number(value: Callable[[float], Number], step: float) -> Number:
+    """Numbers at the true compliance that make sense beside `extrapolated` matrices alone, as their differences do.
 
     Args:
-        value: the number when this much is added to the compliance, in any unit.
+        value: the numbers when this much is added to the compliance, in any unit.
         step: as in `extrapolated`.
     """
-    return sum(weight * value(node * step) for node, weight in NODES)
+    one, two, three, four = (weight * value(node * step) for node, weight in NODES)
+    return one + two + three + four
