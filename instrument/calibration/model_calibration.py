@@ -2,7 +2,7 @@
 
     found.line(same_films=True)              # what is left of the model's validation error
 
-The curve of the model is divided by the constant. `model_fit` finds it.
+The curve of the model is divided by the constant. `fit_model` finds it.
 """
 
 from __future__ import annotations

@@ -5,7 +5,7 @@ with it. One is a linear trend, because a PVDF film is pyroelectric and drifts w
 mains' hum, because over few cycles the trend would follow the hum and change the fitted drive. Time and signals are
 centred and the columns scaled before one QR factorization. Normal equations of the plain columns would square the
 condition number and lose the amplitude beneath a large offset. Only for long records, over which the scaled columns are
-nearly orthogonal, normal equations of these are summed in pieces (`long_fit`).
+nearly orthogonal, normal equations of these are summed in pieces (`RecordInPieces`).
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ SHOWN = 1e-12  # V that leak from 1 V of hum; below this it is round-off
 
 @dataclass(slots=True, eq=False)
 class ColumnCache:
-    """Results that are kept with the columns. `modes`: those of `signals/noise_parts.py`."""
+    """Results that are kept with the columns. `modes`: those of the two noises below."""
 
     modes: tuple[Floats, Floats] | None = None
 

@@ -14,7 +14,6 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models import beam, springs
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.axisymmetric.direct import solve, solve_on
 from palpate.instrument.models.beam import BeamSegment
 from palpate.instrument.models.finite_elements import solving
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
@@ -23,6 +22,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.load import get_sample
 from palpate.instrument.sensor.material import FilmMaterial
 from tests.instrument import naive
+from tests.instrument.direct_round import solve, solve_on
 from tests.shares import first_of
 
 CASE_A = RoundParameters()
