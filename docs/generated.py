@@ -21,7 +21,7 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.export import registers
 from palpate.instrument.quantity import Unit, show
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents
 from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.records.columns import Column, columns_of

@@ -37,7 +37,7 @@ from palpate.instrument.errors import (
 )
 from palpate.instrument.own_process import Ends
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 
 # --- The links and devices of a bench, made from its description, and the roles that they fill ---------
 

@@ -17,7 +17,7 @@ from palpate.instrument.contracts.declaration import NODES
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.design import USUAL_NOISE
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.guests import CHANGER, Guest, replaced

@@ -15,7 +15,7 @@ from palpate.instrument.arrays import Complexes, Floats, Times
 from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.signals.estimate import SineColumns, amplitudes, sine_columns, tuned
 from palpate.simulators.physics.dwells import GONE, ROUNDING, SimulatedDwell, begun, met, superposed, touched
 from palpate.simulators.physics.effect import (

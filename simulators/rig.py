@@ -21,7 +21,7 @@ from palpate.instrument.errors import BenchError, RangeError
 from palpate.instrument.models.influence import tooth_shares
 from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import in_order
 from palpate.simulators.linear.lti import StateSpace, gain

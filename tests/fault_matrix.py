@@ -22,7 +22,7 @@ from unittest.mock import patch
 from palpate.drivers.bench import Bench
 from palpate.drivers.incident import INCIDENT
 from palpate.instrument.errors import PalpateError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench

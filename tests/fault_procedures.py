@@ -11,7 +11,7 @@ from datetime import UTC, datetime
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.characterise.procedure import Characterisation

@@ -26,7 +26,7 @@ from pathlib import Path
 from typing import Self
 
 from palpate.instrument.bench.links import MULTICAST
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run
 from palpate.procedures.records.run_folder import is_run

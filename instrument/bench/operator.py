@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import Protocol
 
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 
 
 class Operator(Protocol):

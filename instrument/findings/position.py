@@ -16,7 +16,7 @@ import numpy.typing as npt
 from palpate.instrument.arrays import Floats
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 
 GRID = 1e-5  # m
 TAILS = (0.025, 0.975)  # probabilities at the ends of a 95 % interval

@@ -40,7 +40,7 @@ import numpy as np
 from palpate.instrument.arrays import Floats
 from palpate.instrument.models.springs import stretch_stiffness
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample, require_positive
+from palpate.instrument.sensor.sample import Sample, require_positive
 
 ELEMENTS = 16
 

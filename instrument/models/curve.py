@@ -29,7 +29,7 @@ from palpate.instrument.models.response import AUTO, response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Load, through
+from palpate.instrument.sensor.sample import SAMPLES, Load, through
 
 if TYPE_CHECKING:
     from palpate.instrument.models.price_list import ModelChoice

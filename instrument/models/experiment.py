@@ -15,7 +15,7 @@ import numpy as np
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample
 
 if TYPE_CHECKING:
     from scipy.interpolate import PchipInterpolator

@@ -23,7 +23,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES, Sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample
 
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline

@@ -14,8 +14,8 @@ from typing import Any
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.design import OUTLINES, SUPPORTS, Design
-from palpate.instrument.sensor.load import INTERFACES, Load, Sample, require_nested, require_positive
 from palpate.instrument.sensor.material import PVDF, FilmMaterial
+from palpate.instrument.sensor.sample import INTERFACES, Load, Sample, require_nested, require_positive
 
 # --- parameters ----------------------------------------------------------------------------------------
 

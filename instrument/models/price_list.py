@@ -30,7 +30,7 @@ from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.load import Load, through
+from palpate.instrument.sensor.sample import Load, through
 
 ROUNDED = 1.001  # ratio of two errors that differ by rounding alone, as those of one curve that was found twice
 STORED = Path(__file__).with_name("prices.json")

@@ -21,7 +21,7 @@ from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Load
 
 # --- one load ------------------------------------------------------------------------------------------
 

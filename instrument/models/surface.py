@@ -34,7 +34,7 @@ from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Load
 
 Solution = axisymmetric.Solution | solid.SolidSolution
 

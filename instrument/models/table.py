@@ -17,7 +17,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam, experiment, springs
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
-from palpate.instrument.sensor.load import Load, Sample
+from palpate.instrument.sensor.sample import Load, Sample
 
 if TYPE_CHECKING:
     from palpate.instrument.models.axisymmetric.model import Solution

@@ -26,7 +26,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.sensor.load import SAMPLES, Load
+from palpate.instrument.sensor.sample import SAMPLES, Load
 
 STORED = Path(__file__).with_name("validation.json")
 SIGN = "model less measured mean, in percent of the measured mean"

@@ -1,4 +1,8 @@
-"""One tooth on one base of 10 x 10 mm: the sensor of section 3.1 of the thesis."""
+"""The sensor designs, by name: ours, and those of installed packages.
+
+[project.entry-points."palpate.designs"]
+grasper_7 = "grasper_7:DESIGN"
+"""
 
 from __future__ import annotations
 
@@ -169,9 +173,6 @@ ARRAY = array_of(FEWEST + 2)
 
 
 # --- all of them, by name ------------------------------------------------------------------------------
-
-# [project.entry-points."palpate.designs"]
-# grasper_7 = "grasper_7:DESIGN"
 
 
 DESIGNS: dict[str, Design] = {

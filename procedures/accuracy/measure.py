@@ -25,7 +25,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.surface import Surface
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.accuracy.elements import element_prices, errors_of
 from palpate.procedures.accuracy.meshes import BETWEEN, MIDDLES, MODULI, PROCESSES, TIMED, solve_all
 from palpate.procedures.accuracy.references import reference_of

@@ -28,7 +28,7 @@ from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Load
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.procedures.console.progress import Progress
 
 PROCESSES = 2

@@ -72,7 +72,7 @@ def front_command(
     reaches the tolerance.
     """
     from palpate.instrument.errors import UsageError
-    from palpate.instrument.sensor.load import get_sample
+    from palpate.instrument.sensor.sample import get_sample
     from palpate.procedures.accuracy.front import ModulusFront
     from palpate.procedures.commands.measure import object_to_touch
     from palpate.procedures.engine.settings import made

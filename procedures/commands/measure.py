@@ -18,7 +18,7 @@ from palpate.procedures.commands.test import modulus as test_modulus
 
 if TYPE_CHECKING:
     from palpate.instrument.sensor.design import Design
-    from palpate.instrument.sensor.load import Sample
+    from palpate.instrument.sensor.sample import Sample
 
 
 # --- The command palpate measure modulus ---------------------------------------------------------------

@@ -41,7 +41,7 @@ def shear(design: str, sample: str, as_json: bool, quiet: bool) -> None:
     from palpate.instrument.models import shear as model
     from palpate.instrument.notice import price
     from palpate.instrument.sensor.designs import get_design
-    from palpate.instrument.sensor.load import get_sample
+    from palpate.instrument.sensor.sample import get_sample
 
     sensor, sensed, output = get_design(design), get_sample(sample), Output(as_json, quiet)
     meshes: list[dict[str, model.FilmShear]] = []

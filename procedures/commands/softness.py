@@ -14,7 +14,7 @@ from palpate.procedures.commands.settings import SettingsCommand
 
 if TYPE_CHECKING:
     from palpate.instrument.sensor.design import Design
-    from palpate.instrument.sensor.load import Sample
+    from palpate.instrument.sensor.sample import Sample
 
 
 @click.command(

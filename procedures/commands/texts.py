@@ -95,6 +95,6 @@ def place(text: str) -> tuple[float, float]:
 
 @_callback
 def samples(text: str) -> tuple[str, ...]:
-    from palpate.instrument.sensor.load import parse_samples
+    from palpate.instrument.sensor.sample import parse_samples
 
     return parse_samples(text)

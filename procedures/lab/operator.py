@@ -14,7 +14,7 @@ from typing import Any, Literal, get_args
 from palpate.instrument.errors import BenchError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.console.progress import without_bar
 from palpate.procedures.console.terminal import say
 from palpate.procedures.steps.pause import NOBODY, Pause

@@ -18,7 +18,7 @@ from palpate.instrument.findings.film_forces import calibration_u, mean_ratio, p
 from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.quantity import as_typed, plus_minus
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, mean_u
 from palpate.procedures.engine.plan import expected_noise
 from palpate.procedures.lab.lab import Target

@@ -7,7 +7,7 @@ from functools import partial
 
 from palpate.drivers.roles import LoadIndicator, SampleChanger
 from palpate.instrument.errors import DeviceError
-from palpate.instrument.sensor.load import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Step
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.records.record import Recorder

@@ -11,7 +11,7 @@ from pathlib import Path
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMPRESSION_TABLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.engine.conduct import conduct

@@ -19,7 +19,7 @@ from palpate.instrument.models.solid.ladders import has_many_teeth
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Load
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.instrument.thesis import read_table
 from palpate.procedures.showing.figure import name_all, write
 

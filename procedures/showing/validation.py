@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Iterable, Sequence
 
 from palpate.instrument.models.validation import SIGN, Validation
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.showing.text import new_table, print_all, stamped
 
 

@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 
 
 @dataclass(frozen=True, slots=True)

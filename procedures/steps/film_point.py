@@ -24,7 +24,7 @@ from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, fi
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
-from palpate.instrument.signals.harmonics import Distortion, distortion
+from palpate.instrument.signals.oscilloscope import Distortion, distortion
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms
 from palpate.procedures.steps.agreement import FALSE_ALARMS, forces_differ, frequencies_differ

@@ -12,7 +12,7 @@ from palpate.instrument.bench.operator import mount_anew
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import BenchError, DeviceError, SafetyError, SampleError, UnreachableError
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.steps.policy import carry_out
 from palpate.procedures.steps.servo import READINGS, TRACK_FILTER, TRACK_SETTLING, read_indicator
 

@@ -21,7 +21,7 @@ from palpate.instrument.errors import ConfigError, PalpateError, RangeError, Unk
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import Hertz, Seconds, parse
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES, parse_samples
+from palpate.instrument.sensor.sample import SAMPLES, parse_samples
 from palpate.procedures.steps.checks import check_force, check_frequency, check_time, parse_loads
 
 Value = str | int | float | bool

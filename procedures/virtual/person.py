@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.errors import RangeError, UsageError
 from palpate.instrument.quantity import parse, show
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.rig import SimulatedOperator
 

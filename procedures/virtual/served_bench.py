@@ -19,7 +19,7 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import LINE
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
 from palpate.instrument.own_process import Ends
-from palpate.instrument.sensor.load import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.console.terminal import console, say
 from palpate.procedures.records.run import storing
 from palpate.procedures.records.run_folder import RECORD

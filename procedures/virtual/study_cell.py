@@ -19,7 +19,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 from palpate.instrument.findings.film_forces import film_forces, stacked_forces
 from palpate.instrument.quantity import parse
-from palpate.instrument.sensor.load import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.estimate import fit_sine, fit_sines
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds

@@ -7,7 +7,7 @@ from typing import Self
 
 from palpate.instrument.contracts.own import PLACES, SAMPLE_CHANGER, TRAVEL
 from palpate.instrument.errors import RangeError
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.rig import Rig
 from palpate.simulators.wire.device import (

@@ -6,7 +6,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.bounds import SIGMAS
 from palpate.simulators.physics.effect import Kind, ShareEffect
 from palpate.simulators.randomness import Stream

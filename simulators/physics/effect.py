@@ -14,7 +14,7 @@ import numpy.typing as npt
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.numbers import Numbers
 
 if TYPE_CHECKING:

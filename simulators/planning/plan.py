@@ -23,7 +23,7 @@ from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import Sample, check_force, get_sample
+from palpate.instrument.sensor.sample import Sample, check_force, get_sample
 from palpate.instrument.signals.dwell import LONGEST
 from palpate.simulators.bounds import bound_of
 from palpate.simulators.clock import VirtualClock

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from palpate.instrument.arrays import Floats
 from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.physics.converter import FINEST, convert
 from palpate.simulators.physics.effect import Effect, Effects, FilmsEffect, Kind

@@ -15,7 +15,7 @@ from palpate.instrument.models.response import AUTO
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.effects import EFFECTS, effect_class, effect_names, in_order, origin
 from palpate.simulators.guests import Guest, guests
 from palpate.simulators.physics.effect import Bound, Effect, rival

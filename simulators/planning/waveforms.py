@@ -11,7 +11,7 @@ import numpy.typing as npt
 from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import FILM_KINDS
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.physics.chain import Armature, Limits

@@ -21,7 +21,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.table import Response
 from palpate.instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load, Sample
+from palpate.instrument.sensor.sample import Load, Sample
 from palpate.simulators.guests import Guest, guests, kind_in
 from palpate.simulators.numbers import Numbers
 from palpate.simulators.physics.effect import Effect

@@ -14,7 +14,7 @@ from pymodbus.constants import ExcCodes
 from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.contracts.contract import Contract, Field
 from palpate.instrument.contracts.field import BITS, READS, WRITES, Table
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
 
 

@@ -23,7 +23,7 @@ import numpy as np
 import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, in_pieces
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimate import Sums
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -24,7 +24,7 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab, Target, with_kinds
 from palpate.procedures.measurements.object_modulus.course import ModulusPoint, ObjectModulusAnswer, _remounts

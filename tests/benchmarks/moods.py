@@ -34,7 +34,7 @@ from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.contracts.own import POSITIONER, SAMPLE_CHANGER, STRAIN_INDICATOR
 from palpate.instrument.errors import PalpateError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.served_bench import Wish, serving

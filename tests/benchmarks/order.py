@@ -8,7 +8,7 @@ from collections.abc import Iterator, Mapping
 import numpy as np
 
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.measurements.softness.ranking import Ranking
 from palpate.procedures.measurements.softness.result import SoftnessPoint
 from tests.benchmarks.row import Row

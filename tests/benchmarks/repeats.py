@@ -13,7 +13,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, WeightRun
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
 from palpate.procedures.measurements.films.procedure import FilmRepeats
 from palpate.procedures.measurements.films.result import PressedPoint

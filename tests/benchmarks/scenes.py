@@ -19,7 +19,7 @@ import numpy as np
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.contracts.own import CHANNELS
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.loads.procedure import LoadSweep

@@ -19,7 +19,7 @@ from pathlib import Path
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.loads.procedure import LoadSweep

@@ -23,7 +23,7 @@ from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load, get_sample
+from palpate.instrument.sensor.sample import Load, get_sample
 from palpate.instrument.signals.estimate import SineFit, fit_sine
 from palpate.instrument.uncertainty.budget import Propagated, coverage_factor
 from palpate.procedures.measurements.load_cell.procedure import LOADS, REPEATS

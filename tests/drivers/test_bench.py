@@ -17,7 +17,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.contracts.contract import Identity
 from palpate.instrument.errors import BenchError, IdentityError, LinkError, SafetyError
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import altered, driving, is_closed, open_bench
 

@@ -21,7 +21,7 @@ from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Value
 from palpate.instrument.contracts.own import SYNC_COB_ID
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.testing.wire import frames, listen, payloads, transfers
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.exciter import AmplifierOwner

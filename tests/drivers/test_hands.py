@@ -10,7 +10,7 @@ import pytest
 
 from palpate.drivers.bench import Hands
 from palpate.drivers.roles import Chamber, ProbeStage, SampleChanger
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 
 ROLES = {SampleChanger: "changer", Chamber: "chamber", ProbeStage: "stage"}
 

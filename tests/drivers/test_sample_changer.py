@@ -10,7 +10,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sample_changer import ChangerState, ModbusSampleChanger
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene

@@ -12,7 +12,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.scenes.scene import Scene

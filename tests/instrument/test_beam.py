@@ -13,7 +13,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam
 from palpate.instrument.models.beam import BeamSegment, exact_force_ratio, exact_forces
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 
 Array = NDArray[np.float64]

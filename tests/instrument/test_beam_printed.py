@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import program_lines
 
 Array = NDArray[np.float64]

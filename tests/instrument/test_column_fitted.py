@@ -17,7 +17,7 @@ from palpate.instrument.models.response import RatioQuestion, ask, response
 from palpate.instrument.models.springs import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load, Sample, get_sample
+from palpate.instrument.sensor.sample import Load, Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.judging.criterion import distance, fitted_line, odds_sentence
 

@@ -12,7 +12,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import PHYSICAL, solid_parameters
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.designs import DESIGNS, array_of, get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import read_table
 
 

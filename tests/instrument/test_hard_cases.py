@@ -19,8 +19,8 @@ from palpate.instrument.models.finite_elements import solving
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
 from palpate.instrument.sensor.material import FilmMaterial
+from palpate.instrument.sensor.sample import get_sample
 from tests.instrument import naive
 from tests.instrument.direct_round import solve, solve_on
 from tests.shares import first_of

@@ -15,7 +15,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam
 from palpate.instrument.models.beam import BeamSegment, exact_force_ratio, exact_forces
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 
 SINGLE = get_design("single")
 FOUNDATIONS = (1e-12, 20.0, 1e4, 1e7)

@@ -9,7 +9,7 @@ import pytest
 
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.instrument.signals.harmonics import Oscilloscope, distortion
+from palpate.instrument.signals.oscilloscope import Oscilloscope, distortion
 
 RATE, DRIVE = 250.0, 10.0
 TIME = np.arange(250) / RATE

@@ -28,7 +28,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Load
 
 Values = tuple[float | None, ...]
 ROUND = get_design("single_round")

@@ -11,7 +11,7 @@ import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.sensor.load import SAMPLES, Sample, get_sample, parse_samples
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample, parse_samples
 
 THESIS = Path(__file__).parents[1] / "data" / "thesis"
 SINGLE = get_design("single")

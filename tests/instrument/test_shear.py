@@ -8,7 +8,7 @@ import pytest
 
 from palpate.instrument.models.shear import DRAGGED, FilmShear, shear, shear_pattern
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 
 SAMPLE = get_sample("1")
 STIFF = replace(SAMPLE, modulus=1e12)

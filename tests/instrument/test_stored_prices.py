@@ -15,7 +15,7 @@ from palpate.instrument.models.response import response, responses
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES, Load
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.procedures.accuracy.meshes import BETWEEN
 from tests.shares import first_of
 

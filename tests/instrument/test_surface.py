@@ -29,7 +29,7 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.surface import RoundMesh, Surface
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load, through
+from palpate.instrument.sensor.sample import Load, through
 
 ROUND, LOAD = get_design("single_round"), PHYSICAL.load(1e5)
 SHIPPED = ("single_round", "single", "common_base", "different_base", "array", "array_16")

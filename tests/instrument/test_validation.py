@@ -18,7 +18,7 @@ from palpate.instrument.models.table import MODELS, Model, Response
 from palpate.instrument.models.validation import validate, validate_all
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.sensor.load import SAMPLES, Load
+from palpate.instrument.sensor.sample import SAMPLES, Load
 
 Found = validation.Validation
 

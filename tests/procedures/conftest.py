@@ -17,7 +17,7 @@ import palpate as package
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main
 from palpate.procedures.commands.options import Output
 from palpate.procedures.console.progress import Progress, silent

@@ -11,7 +11,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.bluesky import DeviceSetting, Done, FilmSignals, MovableLoad
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.probe import press

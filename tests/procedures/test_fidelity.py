@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.errors import UsageError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab import fidelity
 from palpate.procedures.lab.chosen import Chosen, choose
 from palpate.procedures.lab.fidelity import at_fidelity

@@ -16,7 +16,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError, UnreachableError
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES, Load
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads.procedure import LoadSweep

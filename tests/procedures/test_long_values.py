@@ -15,7 +15,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellC
 from palpate.instrument.errors import PalpateError, UsageError
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import parse_samples
+from palpate.instrument.sensor.sample import parse_samples
 from palpate.procedures.engine.run import prepared
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.export import export

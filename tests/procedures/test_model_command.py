@@ -21,7 +21,7 @@ from palpate.instrument.models.parameters import (
 from palpate.instrument.models.response import RatioQuestion, ask
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from tests.procedures.conftest import Palpate, changed
 
 RATIO = ("model", "ratio", "--json")

@@ -6,7 +6,7 @@ import pytest
 
 from palpate.instrument.models import shear as model
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from tests.procedures.conftest import Palpate
 
 

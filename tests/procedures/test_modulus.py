@@ -12,7 +12,7 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import operator

@@ -13,7 +13,7 @@ from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import SampleError
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab.chosen import choose

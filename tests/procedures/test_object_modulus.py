@@ -18,7 +18,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import CALIBRATION
 from palpate.instrument.quantity import Typed, parse_tolerance
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.object_modulus.course import Course, ModulusPoint, mounting_scatter, ratios_of
 from palpate.procedures.measurements.object_modulus.planning import MOST_SETS, command_of

@@ -15,7 +15,7 @@ from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.quantity import parse, parse_list
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.position.expected import share_noise
 from palpate.procedures.measurements.position.procedure import PositionSweep

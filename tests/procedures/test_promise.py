@@ -16,7 +16,7 @@ import pytest
 import palpate
 from palpate.extend import Procedure
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import first_steps
 from palpate.procedures.engine.promise import Expected, achieved

@@ -15,7 +15,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.record import Recorder

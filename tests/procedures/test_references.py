@@ -18,7 +18,7 @@ from palpate.instrument.errors import EstimateError, QuantityError, RangeError, 
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.calibrations import path_of, probable_references
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.references.procedure import ReferenceSeries

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.dataset import as_dataset
 from palpate.procedures.measurements.films.procedure import FilmSeries
 from palpate.procedures.measurements.loads.procedure import LoadSweep

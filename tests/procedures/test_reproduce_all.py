@@ -15,8 +15,8 @@ from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, EvidencePart, ratio_by
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
-from palpate.instrument.signals.harmonics import Distortion, ScopeReading
+from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.signals.oscilloscope import Distortion, ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.measurements.load_cell.result import LoadCellPoint, LoadCellResult

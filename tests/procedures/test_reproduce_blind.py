@@ -11,7 +11,7 @@ import pytest
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.reproduce.chapter5 import blind, experiments
 from palpate.procedures.reproduce.judging.criterion import judge
 from tests.procedures.test_reproduce_all import swept

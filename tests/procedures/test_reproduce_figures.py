@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import pytest
 
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.reproduce.figures.chapter5 import _bench
 
 

@@ -19,7 +19,7 @@ import pytest
 from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import REPEATS, Evidence
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.lab.lab import Lab

@@ -16,7 +16,7 @@ import tomli_w
 
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.errors import RecordError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
 from palpate.procedures.lab import operator as keys

@@ -27,7 +27,7 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.contracts.own import SHAKER_AMPLIFIER as AMPLIFIER
 from palpate.instrument.errors import DeviceError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run

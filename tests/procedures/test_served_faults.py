@@ -9,7 +9,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.errors import BenchError, ConfigError, DeviceError, LinkError, PalpateError, UsageError
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.virtual.person import Person
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class

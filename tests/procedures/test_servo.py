@@ -18,7 +18,7 @@ from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.progress import Progress
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.work import StaticLoadWork

@@ -11,7 +11,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.springs import ratio_of_modulus
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.softness.procedure import SoftnessTest, default_model, unknown_object
 from palpate.procedures.measurements.softness.result import SoftnessPoint, SoftnessResult, evaluate, price_of

@@ -9,7 +9,7 @@ import pytest
 
 import palpate
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.softness.procedure import SoftnessTest, unknown_object
 from palpate.procedures.measurements.softness.ranking import ranked_lines

@@ -24,7 +24,7 @@ from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import Floor, dwell_of, floor_u
 from palpate.instrument.signals.estimate import FEW_DEGREES, _power, _typical, fit_sine
 from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.instrument.models import validation
 from palpate.instrument.models.table import MODELS
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from tests.procedures.conftest import Palpate
 
 DOCUMENT = Path(__file__).parents[2] / "docs" / "validation.md"

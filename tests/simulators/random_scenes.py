@@ -14,7 +14,7 @@ from pydantic.fields import FieldInfo
 from palpate.instrument.quantity import Unit
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import RATE, Question

@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 
 from palpate.instrument.models import springs
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig import Rig

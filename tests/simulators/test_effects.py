@@ -17,7 +17,7 @@ import pytest
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode

@@ -12,7 +12,7 @@ import scipy
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.models import springs
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.amplifier_clip import AmplifierClip

@@ -13,7 +13,7 @@ from palpate.drivers.devices.sensor_node import acquire
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.contracts.own import place
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene

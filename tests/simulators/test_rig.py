@@ -15,7 +15,7 @@ import scipy
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.models import experiment
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import effect_class
 from palpate.simulators.linear.periodic import CYCLE, HERTZ

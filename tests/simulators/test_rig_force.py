@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
 from palpate.simulators.rig import Rig

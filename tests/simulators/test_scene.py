@@ -22,7 +22,7 @@ from palpate.instrument.models.price_list import ModelChoice
 from palpate.instrument.models.response import response
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Load, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, Load, get_sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.planning.settle import read_scene, with_model
@@ -341,7 +341,7 @@ def test_an_unknown_model_or_sample_or_a_seed_out_of_range_is_refused_outside_fi
 
 LIFE = """
 import sys
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 files = sys.argv[1:]

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, effect_class

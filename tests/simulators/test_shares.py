@@ -12,7 +12,7 @@ import pytest
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.validation import validate
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.curve_error import CurveError
 from palpate.simulators.effects.gain_scatter import GainScatter

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import BenchError
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.rig import SUPPORT_STIFFNESS, Rig

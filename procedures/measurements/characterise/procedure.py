@@ -14,7 +14,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellC
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import check_tolerance, counted, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import predicted

@@ -14,7 +14,7 @@ from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.quantity import parse, parse_list, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.frequency_response import TACTILE, fit_corner, high_pass, phase_lead
 from palpate.procedures.engine.plan import Plan, Step, first_steps, noise_of, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads

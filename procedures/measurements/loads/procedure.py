@@ -25,7 +25,7 @@ from palpate.instrument.findings.film_forces import (
 )
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
-from palpate.instrument.sensor.load import get_sample, parse_samples
+from palpate.instrument.sensor.sample import get_sample, parse_samples
 from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width, whole_steps
 from palpate.instrument.signals.estimate import SineFit
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds

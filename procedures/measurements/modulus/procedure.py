@@ -23,7 +23,7 @@ from palpate.instrument.findings.compression import (
     compress,
 )
 from palpate.instrument.quantity import show
-from palpate.instrument.sensor.load import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report
 from palpate.procedures.engine.promise import Expected, predicted

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from typing import Annotated, Any
 
 from palpate.instrument.findings.compression import Compression, CompressionPoint
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.uncertainty.budget import Propagated
 from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column

@@ -17,7 +17,7 @@ from palpate.instrument.findings.object_modulus import answering
 from palpate.instrument.models.response import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Sample, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import Finished, Measurement, Procedure, Report, RequiredLoads
 from palpate.procedures.engine.promise import RESULTS, Expected

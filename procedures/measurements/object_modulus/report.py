@@ -7,7 +7,7 @@ from pathlib import Path
 
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import counted, plus_minus, show
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.object_modulus.course import (
     ObjectModulusAnswer,

@@ -23,7 +23,7 @@ from palpate.instrument.findings.film_forces import PRIOR_FREEDOM, SCATTER
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.engine.plan import APPROACH, noise_of, point_seconds
 from palpate.procedures.engine.promise import Expected
 

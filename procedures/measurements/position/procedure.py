@@ -12,7 +12,7 @@ from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import check_place, tooth_shares
 from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Report, RequiredLoads, until_full

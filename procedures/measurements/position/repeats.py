@@ -21,7 +21,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.position import Located, deviations, locate
 from palpate.instrument.quantity import as_typed, counted, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.instrument.signals.dwell import STEP, whole_steps
 from palpate.instrument.uncertainty.budget import Budget, coverage_factor
 from palpate.procedures.engine.plan import Predicted, point_seconds

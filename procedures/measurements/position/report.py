@@ -11,7 +11,7 @@ import numpy as np
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Sample
+from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements.position.expected import name_of
 from palpate.procedures.measurements.position.result import DOUBT, FoundPlace, PositionPoint, PositionResult

@@ -30,7 +30,7 @@ from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import parse, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Sample, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.procedures.lab.store import store
 from palpate.procedures.measurements.modulus.procedure import ModulusTest

@@ -14,7 +14,7 @@ from palpate.instrument.models.response import RatioQuestion, response
 from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load, Sample, get_sample, parse_samples
+from palpate.instrument.sensor.sample import Load, Sample, get_sample, parse_samples
 from palpate.procedures.engine.plan import Plan, Step, point_seconds
 from palpate.procedures.engine.procedure import Measurement, Procedure, Report, RequiredLoads, until_full
 from palpate.procedures.engine.promise import RESULTS, Expected, greatest, predicted

@@ -22,7 +22,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import NOISE, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import SAMPLES, Sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample
 from palpate.procedures.engine.plan import Predicted, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, Mounts
 from palpate.procedures.measurements.prospects import expected_ratio

@@ -17,7 +17,7 @@ import numpy as np
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.estimate import boxcar, rms
 from palpate.instrument.uncertainty.interpolation import interpolate
 from palpate.procedures.engine.plan import Plan, Step, point_seconds

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models import beam
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import TableCell, ThesisTable, program_lines, read_table
 from palpate.procedures.reproduce.curves import RING, CurveCase, Curves
 from palpate.procedures.reproduce.judging.rows import ComparedColumn, Comparison, ModelSeries, fit_sentence

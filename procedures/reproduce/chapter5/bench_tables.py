@@ -10,7 +10,7 @@ import numpy as np
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import LOADING
 from palpate.instrument.models.evidence import GIVEN
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.procedures.measurements.load_cell.result import LoadCellResult
 from palpate.procedures.measurements.modulus.result import ModulusResult

@@ -15,7 +15,7 @@ import numpy as np
 from palpate.instrument.models.evidence import of_experiment, ratio_by
 from palpate.instrument.models.validation import SIGN, Validation
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.reproduce.chapter4 import theory

@@ -10,7 +10,7 @@ import numpy as np
 
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
-from palpate.instrument.signals.harmonics import ScopeReading
+from palpate.instrument.signals.oscilloscope import ScopeReading
 from palpate.instrument.thesis import ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import LoadPoint
 from palpate.procedures.reproduce.chapter5.traces import Traces

@@ -11,7 +11,7 @@ from palpate.instrument.findings.film_forces import apart
 from palpate.instrument.models.evidence import Evidence, EvidencePart, of_experiment
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, TableCell, ThesisTable, read_table
 from palpate.procedures.measurements.loads.result import LoadPoint, SweepResult
 from palpate.procedures.reproduce.chapter5.columns import (

@@ -12,7 +12,7 @@ import numpy as np
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.instrument.signals.harmonics import Distortion, Oscilloscope, ScopeReading, distortion
+from palpate.instrument.signals.oscilloscope import Distortion, Oscilloscope, ScopeReading, distortion
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.agreement import FALSE_ALARMS
 

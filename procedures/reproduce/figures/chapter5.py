@@ -11,7 +11,7 @@ import numpy as np
 
 from palpate.instrument.models.evidence import Evidence, of_experiment, ratio_by
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, read_table
 from palpate.procedures.measurements.loads.result import SweepResult
 from palpate.procedures.measurements.modulus.result import ModulusResult

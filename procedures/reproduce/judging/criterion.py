@@ -17,7 +17,7 @@ from numpy.typing import NDArray
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.models.springs import LINES, OddsLine
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import get_sample
+from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.thesis import ThesisTable
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.records.run import storing

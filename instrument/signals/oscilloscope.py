@@ -1,8 +1,4 @@
-"""Total harmonic distortion of a waveform: what a fitted sine leaves at multiples of the drive.
-
-The cycles of a record are laid over each other, so that only what repeats with the drive stays; what they scatter tells
-the uncertainty. Orders on which hum lies are left out: it repeats with the drive, too.
-"""
+"""What an oscilloscope shows of a recorded waveform: its reading from peak to peak, and how much it is distorted."""
 
 from __future__ import annotations
 
@@ -121,6 +117,9 @@ def _crest(trace: Floats) -> float:
 
 # --- harmonics -----------------------------------------------------------------------------------------
 
+# Total harmonic distortion: what a fitted sine leaves at multiples of the drive. The cycles of a record are laid over
+# each other, so that only what repeats with the drive stays; what they scatter tells the uncertainty. Orders on which
+# hum lies are left out: it repeats with the drive, too.
 
 HIGHEST = 7  # order of the highest harmonic that counts; a bend gives the second, a limit the third and fifth [A]
 FEWEST = 3  # cycles, below which their scatter tells nothing

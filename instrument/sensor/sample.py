@@ -1,4 +1,4 @@
-"""Load on a sensor: a force through a sensed object."""
+"""The rubber samples that the sensor touches, named by the thesis' numbers, and the load through a sensed object."""
 
 from __future__ import annotations
 
