@@ -1,4 +1,4 @@
-"""Forces and force ratio, with uncertainty, from the fitted sines of the films of any design, and their mean over sets."""
+"""Forces and force ratio, with uncertainty, from the fitted sines of films of any design, and their mean over sets."""
 
 from __future__ import annotations
 

@@ -1024,33 +1024,6 @@ def amplitudes(time: Floats, signals: Floats, frequency: float) -> Floats:
     return np.asarray(np.hypot(a, b), dtype=np.float64)
 
 
-def amplitude_ratio(fit: SineFit, numerator: int, denominator: int) -> tuple[float, float]:
-    """Ratio of the amplitudes of two channels and its standard uncertainty from noise.
-
-    (u_R/R)² = u₁²/A₁² + u₂²/A₂² − 2 r u₁u₂/(A₁A₂), where r is the correlation of the two amplitudes: noise that both
-    channels share cancels only as far as they move in phase. In phase over whole cycles this is (2/n)(σ₁²/A₁² + σ₂²/A₂²
-    − 2ρσ₁σ₂/(A₁A₂)), the Cramér–Rao bound [S]. The biases of both amplitudes and of their quotient are subtracted.
-
-    Args:
-        fit: fit of both channels together.
-        numerator, denominator: channel numbers.
-
-    Raises:
-        EstimateError: the denominator's amplitude is below three of its standard uncertainties.
-    """
-    top, bottom = float(fit.unbiased[numerator]), float(fit.unbiased[denominator])
-    top_u, bottom_u = float(fit.amplitude_u[numerator]), float(fit.amplitude_u[denominator])
-    if not bottom > 3 * bottom_u:
-        raise EstimateError(
-            f"amplitude of channel {denominator} is {bottom:.3g} V with standard uncertainty {bottom_u:.3g} V, "
-            "less than three times that; raise the drive, lengthen the dwell or check the film's connection"
-        )
-    ratio = top / bottom
-    common = float(fit.amplitude_correlation[numerator, denominator]) * top_u * bottom_u
-    variance = top_u**2 + (ratio * bottom_u) ** 2 - 2 * ratio * common
-    return ratio - quotient_bias(ratio, bottom, bottom_u**2, common), math.sqrt(max(variance, 0.0)) / bottom
-
-
 def quotient_bias(ratio: Some, bottom: Some, variance: Some, covariance: Some) -> Some:
     """Mean error that noise adds to a quotient, to second order.
 

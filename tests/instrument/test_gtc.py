@@ -22,12 +22,12 @@ from palpate.instrument.findings.compression import LoadLine, compress
 from palpate.instrument.findings.film_forces import film_forces, mean_ratio, pickup_u
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.signals.dwell import ratio_noise
-from palpate.instrument.signals.estimate import SineFit, amplitude_ratio
+from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty import budget as budgets
 from palpate.instrument.uncertainty.budget import LINEAR, Budget, Component, Input, propagate
 from tests.instrument.test_compression import AREA, three
 from tests.instrument.test_film_forces import fitted
+from tests.ratios import amplitude_ratio
 
 INF = math.inf
 ZERO_U, SENSITIVITY_U, CURVATURE_U = THESIS_LOAD_CELL.zero_u, THESIS_LOAD_CELL.sensitivity_u, 0.01
@@ -265,8 +265,6 @@ def test_the_noise_of_a_ratio_of_amplitudes_is_that_of_gtc() -> None:
     bias = (top / bottom).x - ratio
     second = (top / bottom).x * bottom.u**2 / bottom.x**2 - gtc.get_covariance(top, bottom) / bottom.x**2
     assert bias == pytest.approx(second, rel=1e-9)
-    dwell = fit.samples / fit.rate
-    assert ratio_noise(fit, 0, 1) / math.sqrt(dwell) == pytest.approx(u / (top / bottom).x, rel=0.06)
 
 
 @dataclass(frozen=True)

@@ -17,7 +17,7 @@ from palpate.instrument.errors import RangeError, UnreachableError
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, Load
-from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads.procedure import LoadSweep
 from palpate.procedures.measurements.loads.result import LoadPoint, evaluate
@@ -28,6 +28,7 @@ from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
+from tests.ratios import amplitude_ratio
 from tests.shares import first_of
 
 LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)

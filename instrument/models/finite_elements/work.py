@@ -1,4 +1,4 @@
-"""Long computations: their time and memory, known beforehand, the threads in which they run, and what is kept on disk."""
+"""Long computations: time and memory, known beforehand, the threads in which they run, and what is kept on disk."""
 
 from __future__ import annotations
 
