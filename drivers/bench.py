@@ -13,8 +13,7 @@ from typing import Any, Self, TypeVar, get_args
 from palpate.drivers.bench_lock import BenchLock, check_apart
 from palpate.drivers.clock import BenchClock, WallClock
 from palpate.drivers.devices.device import Device, DevicePlace
-from palpate.drivers.devices.exciter import Exciter, WatchdogGuard
-from palpate.drivers.devices.exciter_kinds import Amplified
+from palpate.drivers.devices.exciter import Amplified, Exciter, WatchdogGuard
 from palpate.drivers.incident import Incidents, Store
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
@@ -24,10 +23,9 @@ from palpate.drivers.safe_end import held, insist, taken
 from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.additions import load
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.description import DRIVING, BenchDescription, Listed, filling
+from palpate.instrument.bench.description import DRIVING, READ_ATTEMPTS, BenchDescription, Listed, filling
 from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.bench.operator import Operator, mount_anew
-from palpate.instrument.bench.patience import READ_ATTEMPTS
 from palpate.instrument.errors import (
     BenchError,
     ConfigError,

@@ -11,7 +11,7 @@ from functools import partial
 from types import FrameType
 
 from palpate.drivers.clock import Clock
-from palpate.instrument.whole import when_whole
+from palpate.instrument.own_process import when_whole
 
 Handler = Callable[[int, FrameType | None], object]
 TRIES = 4  # number of times that a failed step is tried again, evenly within its time

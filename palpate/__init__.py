@@ -36,8 +36,7 @@ if TYPE_CHECKING:
     )
     from palpate.instrument.models.response import response
     from palpate.instrument.sensor.designs import get_design
-    from palpate.instrument.sensor.load import Load
-    from palpate.instrument.sensor.sample import get_sample
+    from palpate.instrument.sensor.sample import Load, get_sample
     from palpate.procedures.engine.dataset import as_dataset
     from palpate.procedures.engine.listeners import watch
     from palpate.procedures.engine.procedure import Finished
@@ -67,8 +66,7 @@ _PLACES = {
     " UsageError",
     "instrument.models.response": "response",
     "instrument.sensor.designs": "get_design",
-    "instrument.sensor.load": "Load",
-    "instrument.sensor.sample": "get_sample",
+    "instrument.sensor.sample": "get_sample Load",
     "procedures.engine.dataset": "as_dataset",
     "procedures.engine.listeners": "watch",
     "procedures.engine.procedure": "Finished",
@@ -90,7 +88,7 @@ _PLACES = {
     "procedures.measurements.softness": "SoftnessTest unknown_object",
     "procedures.measurements.temperature": "TemperatureSweep",
     "procedures.records.events": "Event",
-    "procedures.records.run": "Run read",
+    "procedures.records.run": "read Run",
 }
 
 __all__ = [

@@ -17,26 +17,31 @@ if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
     from palpate.drivers.clock import Clock
     from palpate.drivers.devices.canopen_device import CanopenDevice
-    from palpate.drivers.devices.exciter import Exciter
     from palpate.drivers.devices.modbus_device import ModbusDevice
     from palpate.drivers.devices.sensor_node import Recording
-    from palpate.drivers.roles import Bias, Chamber, LoadIndicator, Positioner, ProbeStage, SampleChanger, SensorNode
+    from palpate.drivers.roles import (
+        Bias,
+        Chamber,
+        Exciter,
+        LoadIndicator,
+        Positioner,
+        ProbeStage,
+        SampleChanger,
+        SensorNode,
+    )
+    from palpate.instrument.arrays import Floats
     from palpate.instrument.bench.description import BenchDescription, read_bench
     from palpate.instrument.bench.kinds import DeviceKind
     from palpate.instrument.calibration.films import FilmCalibration
     from palpate.instrument.calibration.load_cell import LoadCellCalibration
     from palpate.instrument.calibration.model_calibration import ModelCalibration
-    from palpate.instrument.contracts.contract import Contract
-    from palpate.instrument.contracts.declaration import Identity
-    from palpate.instrument.contracts.field import Field, probe, sdo
-    from palpate.instrument.contracts.pdo import Pdo
-    from palpate.instrument.contracts.sensor_node import place
+    from palpate.instrument.contracts.contract import Contract, Field, Identity, Pdo, probe, sdo
+    from palpate.instrument.contracts.own import place
     from palpate.instrument.errors import DeviceError, SafetyError
     from palpate.instrument.findings.film_forces import film_forces
     from palpate.instrument.models.table import Response
     from palpate.instrument.sensor.design import FILM_KINDS, Design, Film, FilmSheet, Plate, Ring, Tooth
-    from palpate.instrument.sensor.film_material import FILM_MATERIALS
-    from palpate.instrument.sensor.material import Material
+    from palpate.instrument.sensor.material import FILM_MATERIALS, Material
     from palpate.procedures.engine.plan import Plan, Predicted, Step
     from palpate.procedures.engine.procedure import (
         Expected,
@@ -60,9 +65,9 @@ if TYPE_CHECKING:
     from palpate.procedures.steps.probe import press, withdraw
     from palpate.procedures.steps.servo import LoadServo
     from palpate.simulators.linear.periodic import sine
-    from palpate.simulators.physics.effect import Bound, Floats, Kind
-    from palpate.simulators.physics.stages import (
+    from palpate.simulators.physics.effect import (
         AmplifierEffect,
+        Bound,
         CanEffect,
         CellEffect,
         ConverterEffect,
@@ -70,6 +75,7 @@ if TYPE_CHECKING:
         FilmsEffect,
         HysteresisEffect,
         InputEffect,
+        Kind,
         LeakEffect,
         LineEffect,
         ShakerEffect,
@@ -80,7 +86,7 @@ if TYPE_CHECKING:
     from palpate.simulators.planning.plan import Question, driven
     from palpate.simulators.planning.settle import read_scene
     from palpate.simulators.randomness import Stream
-    from palpate.simulators.rig.rig import Rig
+    from palpate.simulators.rig import Rig
     from palpate.simulators.scenes.scene import Scene
     from palpate.simulators.wire.canopen_device import SimulatedNode
     from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedDevice
@@ -92,19 +98,19 @@ _PLACES = {
     "drivers.devices.modbus_device": "ModbusDevice",
     "drivers.devices.sensor_node": "Recording",
     "drivers.roles": "Bias Chamber Exciter LoadIndicator Positioner ProbeStage SampleChanger SensorNode",
+    "instrument.arrays": "Floats",
     "instrument.bench.description": "BenchDescription read_bench",
     "instrument.bench.kinds": "DeviceKind",
     "instrument.calibration.films": "FilmCalibration",
     "instrument.calibration.load_cell": "LoadCellCalibration",
     "instrument.calibration.model_calibration": "ModelCalibration",
     "instrument.contracts.contract": "Contract Field Identity Pdo probe sdo",
-    "instrument.contracts.sensor_node": "place",
+    "instrument.contracts.own": "place",
     "instrument.errors": "DeviceError SafetyError",
     "instrument.findings.film_forces": "film_forces",
     "instrument.models.table": "Response",
-    "instrument.sensor.design": "Design FILM_KINDS Film FilmSheet Plate Ring Tooth",
-    "instrument.sensor.film_material": "FILM_MATERIALS",
-    "instrument.sensor.material": "Material",
+    "instrument.sensor.design": "Design Film FILM_KINDS FilmSheet Plate Ring Tooth",
+    "instrument.sensor.material": "FILM_MATERIALS Material",
     "procedures.engine.plan": "Plan Predicted Step",
     "procedures.engine.procedure": "Expected Measurement Procedure Report RequiredLoads SimpleResult Work predicted"
     " until_full",
@@ -119,14 +125,12 @@ _PLACES = {
     "procedures.steps.probe": "press withdraw",
     "procedures.steps.servo": "LoadServo",
     "simulators.linear.periodic": "sine",
-    "simulators.physics.effect": "Bound Floats Kind",
-    "simulators.physics.stages": "AmplifierEffect CanEffect CellEffect ConverterEffect DriveEffect FilmsEffect"
-    " HysteresisEffect InputEffect LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect"
-    " StackEffect",
-    "simulators.planning.plan": "Question driven",
+    "simulators.physics.effect": "AmplifierEffect Bound CanEffect CellEffect ConverterEffect DriveEffect FilmsEffect"
+    " HysteresisEffect InputEffect Kind LeakEffect LineEffect ShakerEffect ShareEffect SourceEffect StackEffect",
+    "simulators.planning.plan": "driven Question",
     "simulators.planning.settle": "read_scene",
     "simulators.randomness": "Stream",
-    "simulators.rig.rig": "Rig",
+    "simulators.rig": "Rig",
     "simulators.scenes.scene": "Scene",
     "simulators.wire.canopen_device": "SimulatedNode",
     "simulators.wire.device": "DEVICE_FAILURE Refused SimulatedDevice",

@@ -12,18 +12,28 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from palpate.drivers.links.modbus import EXCEPTIONS
-from palpate.drivers.logs.bus_log import RUN, WHOLE_FORMAT, kind_called, logged
-from palpate.drivers.logs.can_frames import CanFrame, frame_of, read_frames
-from palpate.drivers.logs.pcapng import Link, NotALog, Packet, read_pcapng
+from palpate.drivers.logs.bus_log import (
+    RUN,
+    WHOLE_FORMAT,
+    CanFrame,
+    Link,
+    NotALog,
+    Packet,
+    frame_of,
+    kind_called,
+    logged,
+    read_frames,
+    read_pcapng,
+)
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import BITS, READS, WRITES, Field, Table, sdo
 from palpate.instrument.contracts.maps.map_file import read_map
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import PalpateError, RecordError, UsageError
 from palpate.instrument.quantity import counted
 
-NODE = sensor_node.CONTRACT
+NODE = SENSOR_NODE
 NODE_BITS = 0x7F  # bits of an identifier that hold the node id
 NMT, SYNC, EMERGENCY, SDO_ANSWER, SDO_REQUEST, HEARTBEAT = 0x000, 0x080, 0x080, 0x580, 0x600, 0x700
 COMMANDS = {1: "start", 2: "stop", 0x80: "enter pre-operational", 0x81: "reset node", 0x82: "reset communication"}

@@ -9,12 +9,11 @@ from functools import cached_property
 from typing import TYPE_CHECKING, Any, Self
 
 from palpate.instrument.additions import load
-from palpate.instrument.bench.beside import Beside, check_beside
-from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription, check_load_channel
+from palpate.instrument.bench.description import NO_WATCHDOG, BenchDescription, Beside, check_beside, check_load_channel
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, NoSettings, Role
 from palpate.instrument.bench.links import CAN, FASTEST, LINE, LOOPBACK
 from palpate.instrument.config import check
-from palpate.instrument.contracts.pdo import NODES
+from palpate.instrument.contracts.declaration import NODES
 from palpate.instrument.errors import BenchError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.sensor.design import USUAL_NOISE
@@ -22,7 +21,7 @@ from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.guests import CHANGER, Guest, replaced
-from palpate.simulators.rig.rig import Rig, SimulatedOperator
+from palpate.simulators.rig import Rig, SimulatedOperator
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import device as wire
 from palpate.simulators.wire.can_bus import own_channel
@@ -30,12 +29,11 @@ from palpate.simulators.wire.loop import Loop
 from palpate.simulators.wire.modbus import Servers
 
 if TYPE_CHECKING:
-    from palpate.simulators.devices.amplifier import SimulatedShakerAmplifier
+    from palpate.simulators.devices.exciter import SimulatedShakerAmplifier, SimulatedSignalGenerator
     from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
     from palpate.simulators.devices.positioner import SimulatedPositioner
     from palpate.simulators.devices.sample_changer import SimulatedSampleChanger
     from palpate.simulators.devices.sensor_node import SimulatedSensorNode
-    from palpate.simulators.devices.source import SimulatedSignalGenerator
     from palpate.simulators.faults.inject import Injection
 
 USUAL = ("signal_generator", "shaker_amplifier", "strain_indicator", "positioner")  # the clock advances in this order

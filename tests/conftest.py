@@ -147,10 +147,10 @@ def bench(sim: SimulatedBench) -> Iterator[Bench]:
 @pytest.fixture(params=["thin", "pymodbus"])
 def codec(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> str:
     """What answers requests on Modbus TCP. Private, because nobody else chooses it."""
-    from palpate.simulators.wire import modbus_server
+    from palpate.simulators.wire import modbus
 
     if request.param == "pymodbus":
-        monkeypatch.setattr(modbus_server, "THIN", frozenset())
+        monkeypatch.setattr(modbus, "THIN", frozenset())
     name: str = request.param
     return name
 

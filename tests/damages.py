@@ -16,9 +16,9 @@ from unittest.mock import patch
 
 import numpy as np
 
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.procedures.records import chain

@@ -9,7 +9,7 @@ from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY, THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct

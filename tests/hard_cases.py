@@ -19,17 +19,17 @@ from scipy.integrate import solve_ivp
 from scipy.linalg import lu_factor, lu_solve
 from scipy.sparse import csc_array
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.parts import SolidStack
 from palpate.instrument.models.solid.system import System
 from palpate.simulators.effects import effect_class
 from palpate.simulators.effects.viscoelastic import Viscoelastic
-from palpate.simulators.linear.lti import Floats, StateSpace, gain
+from palpate.simulators.linear.lti import StateSpace, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import MeasuringChain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 from palpate.simulators.planning.plan import Question, driven
 from tests.instrument.direct import direct
 from tests.settings import solid_sensors

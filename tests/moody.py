@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
-from palpate.instrument.contracts.maps.frames import crc
+from palpate.instrument.contracts.maps.golden_frames import crc
 
 HEADER, TAIL = 7, 2  # bytes before the function code on TCP, and of the check sum on a line
 READS, WRITES = (3, 4), (6, 16)

@@ -12,10 +12,10 @@ from dataclasses import dataclass, field
 from pathlib import Path
 
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Pdo
 from palpate.instrument.contracts.field import Field
 from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.contracts.maps.map_file import map_of
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import ConfigError
 
 # CiA 301, 7.4.7.1: number of the type, its name here, its bytes, and whether it has a sign

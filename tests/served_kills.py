@@ -34,7 +34,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.assembly import Mounted
+from palpate.simulators.rig import Mounted
 from palpate.simulators.wire.device import Refused
 from tests.procedures.live import Served
 

@@ -18,17 +18,16 @@ import canopen
 
 from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.positioner import MicroPositioner
+from palpate.drivers.links.can import CheckedSdoClient
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.sdo import CheckedSdoClient
-from palpate.instrument.contracts import positioner, strain_indicator
-from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.contracts.own import POSITIONER, STRAIN_INDICATOR, shortest_transfer
 from palpate.instrument.errors import BenchError
 from tests.drivers.virtual_line import VirtualLine, checked
 
 UNIT, BAUDRATE, BITRATE, TIMEOUT = 2, 115200, 1e6, 1.0
 SLOWEST, AIM = 5e-3, 8e-3  # s: a device takes so long at most; a repetition is aimed at so much before it
-DISPLAY, LIMIT = strain_indicator.CONTRACT["status"].address, positioner.CONTRACT["limit_low"].address
-POSITION = positioner.CONTRACT["position"].address
+DISPLAY, LIMIT = STRAIN_INDICATOR["status"].address, POSITIONER["limit_low"].address
+POSITION = POSITIONER["position"].address
 RENEWALS = 10  # of a display, a second
 UNLIKE = 3  # reads, after which a poll is asked for in the same number of registers again
 ROUND = 20_000  # of the number that a position tells

@@ -6,7 +6,7 @@ from typing import Self
 
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.either_bus import EitherBus
-from palpate.instrument.bench.role_maps.bias import BiasMap
+from palpate.instrument.bench.role_maps import BiasMap
 
 NONE = 0.0
 

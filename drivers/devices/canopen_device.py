@@ -13,11 +13,11 @@ from typing import Self
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.device import Device, check_inventory, check_marks, serial_number
 from palpate.drivers.links.can import HEARTBEAT, CanLink, FrameCallback
-from palpate.instrument.bench.patience import PATIENCE
+from palpate.instrument.bench.description import PATIENCE
 from palpate.instrument.contracts.contract import PROBE, Contract, Value, sdo
+from palpate.instrument.contracts.declaration import COB_ID, INHIBIT_STEP, PDOS, SENT, TRANSMISSION_TYPE, Pdo
 from palpate.instrument.contracts.field import told_text
-from palpate.instrument.contracts.pdo import COB_ID, INHIBIT_STEP, PDOS, SENT, TRANSMISSION_TYPE, Pdo
-from palpate.instrument.contracts.sensor_node import EMERGENCY, SILENT
+from palpate.instrument.contracts.own import EMERGENCY, SILENT
 from palpate.instrument.errors import DeviceError, IdentityError, LinkError
 from palpate.instrument.own_process import Ends
 

@@ -14,10 +14,10 @@ from palpate.drivers.devices.either_bus import EitherBus
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.kinds import IndicatorSettings
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass, says
-from palpate.instrument.contracts import strain_indicator
+from palpate.instrument.bench.role_maps import LoadIndicatorMap, LoadIndicatorSettings, LowPass, says
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import FLOATS, swapped
+from palpate.instrument.contracts.own import STRAIN_INDICATOR
 from palpate.instrument.errors import DeviceError, RangeError
 
 # -------------------------------------------------------------------------------------------------------
@@ -539,7 +539,7 @@ class StrainIndicator(ModbusDevice):
     It holds each reading twice, and counts how often its display is renewed, by which an old reply is known.
     """
 
-    contract = strain_indicator.CONTRACT
+    contract = STRAIN_INDICATOR
     orders = frozenset({"command"})
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:

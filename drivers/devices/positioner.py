@@ -11,10 +11,16 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.either_bus import EitherBus
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.role_maps.positioner import PositionerMap, PositionerSettings, State
-from palpate.instrument.bench.role_maps.steps import ramp_value, speed_of, speed_value
-from palpate.instrument.contracts import positioner
-from palpate.instrument.contracts.field import Value
+from palpate.instrument.bench.role_maps import (
+    PositionerMap,
+    PositionerSettings,
+    State,
+    ramp_value,
+    speed_of,
+    speed_value,
+)
+from palpate.instrument.contracts.contract import Value
+from palpate.instrument.contracts.own import POSITIONER
 from palpate.instrument.errors import BenchError, DeviceError, RangeError
 
 POLL = 0.02  # s
@@ -284,7 +290,7 @@ class MicroPositioner(ModbusDevice):
     So it is asked other questions than a maker's drive, at other times.
     """
 
-    contract = positioner.CONTRACT
+    contract = POSITIONER
     orders = frozenset({"target", "speed", "command"})
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:

@@ -8,8 +8,7 @@ from dataclasses import dataclass
 from palpate.drivers.clock import Clock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.contracts import sample_changer
-from palpate.instrument.contracts.sample_changer import PLACES
+from palpate.instrument.contracts.own import PLACES, SAMPLE_CHANGER
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
 
 POLL = 0.5  # s
@@ -38,7 +37,7 @@ class ModbusSampleChanger(ModbusDevice):
     A mounted sample must stay untouched until the next order.
     """
 
-    contract = sample_changer.CONTRACT
+    contract = SAMPLE_CHANGER
     orders = frozenset({"order"})
 
     def __init__(self, link: ModbusLink, unit: int, clock: Clock) -> None:

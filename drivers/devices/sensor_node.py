@@ -15,15 +15,17 @@ from palpate.drivers.clock import Clock
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES, CanopenDevice
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.links.can import CanLink, FrameCallback
-from palpate.instrument.bench.can_block import Octets
-from palpate.instrument.bench.role_maps.sensor_node import VOLTS, NodeSettings, SensorNodeMap, raw_limits
-from palpate.instrument.contracts import sensor_node
+from palpate.instrument.arrays import Floats
+from palpate.instrument.bench.links import Octets
+from palpate.instrument.bench.role_maps import VOLTS, NodeSettings, SensorNodeMap, raw_limits
 from palpate.instrument.contracts.contract import Contract, Pdo
-from palpate.instrument.contracts.sensor_node import (
+from palpate.instrument.contracts.own import (
     CHANNELS,
     FULL_SCALE_COUNTS,
     LONGEST_WHOLE,
     RANGE_VOLTS,
+    RANGES,
+    SENSOR_NODE,
     SYNC_COB_ID,
     SYNC_PRODUCER,
     frames_load,
@@ -60,7 +62,6 @@ Pieces = Generator[list[Recording], None, None]
 # -------------------------------------------------------------------------------------------------------
 # The readings in the frames of a node that samples: integers, their scale, and where they are saturated
 
-Floats = npt.NDArray[np.float64]
 Kept = Sequence[tuple[int, bytes]]
 """Frames, each with the number of the SYNC before it."""
 BROKEN = -1  # number of a frame of a wrong size
@@ -443,7 +444,7 @@ def _check_rate(node: MappedNode, sync: Sync, within: tuple[float, float]) -> No
 
 # --- ours ----------------------------------------------------------------------------------------------
 
-CONTRACT = sensor_node.CONTRACT
+CONTRACT = SENSOR_NODE
 _SIZES = [sum(CONTRACT[f].size for f in pdo.fields) for pdo in CONTRACT.pdos]  # of its frames, in their order
 _FRAME_PAIR = np.dtype([("samples", "<i2", CHANNELS), ("counter", "<u4"), ("saturation", "u1")])
 _MOST = (1 << 8 * CONTRACT["sample_counter"].size) - 1  # samples before the counter starts again
@@ -457,7 +458,7 @@ class CanopenSensorNode(CanopenDevice):
 
     contract = CONTRACT
     orders = frozenset({"sync_cob_id"})  # it starts and stops SYNC
-    ranges: ClassVar[Mapping[str, float]] = {name: RANGE_VOLTS[raw] for name, raw in sensor_node.RANGES.items()}  # V
+    ranges: ClassVar[Mapping[str, float]] = {name: RANGE_VOLTS[raw] for name, raw in RANGES.items()}  # V
 
     def __init__(self, link: CanLink, node_id: int, clock: Clock) -> None:
         super().__init__(link, node_id, clock)
@@ -480,7 +481,7 @@ class CanopenSensorNode(CanopenDevice):
     def set_range(self, channel: int, range_: str) -> None:
         """Set the input range of a channel (1 to 4): "5 V" or "500 mV"."""
         self.set(f"range_{channel}", range_)
-        self._volts_per_count[channel - 1] = RANGE_VOLTS[sensor_node.RANGES[range_]] / FULL_SCALE_COUNTS
+        self._volts_per_count[channel - 1] = RANGE_VOLTS[RANGES[range_]] / FULL_SCALE_COUNTS
 
     def set_sample_rate(self, rate: float) -> None:
         """Set the sample rate [Hz], by the period of SYNC; it holds for all nodes while this one produces SYNC.

@@ -2,13 +2,15 @@
 
 from __future__ import annotations
 
+import itertools
 import logging
 import queue
 import threading
+import time
 from collections import deque
-from collections.abc import Callable, Mapping, Sequence
-from contextlib import suppress
-from dataclasses import dataclass, field
+from collections.abc import Callable, Iterator, Mapping, Sequence
+from contextlib import contextmanager, suppress
+from dataclasses import astuple, dataclass, field
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -16,28 +18,146 @@ from typing import Any
 import can
 import canopen
 from can.interfaces.virtual import VirtualBus
-from canopen.lss import LssMaster
+from canopen.lss import LssError, LssMaster
+from canopen.sdo.client import SdoClient
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.links import causes
-from palpate.drivers.links.sdo import LATE_ANSWERS, CheckedSdoClient
 from palpate.instrument.bench import links as files
-from palpate.instrument.bench.can_block import Block, Octets, take_blocks
 from palpate.instrument.bench.links import (
     MULTICAST,
     WITHIN_MACHINE,
+    Block,
     CanBus,
+    Octets,
     Stepper,
     arrived,
     close_bus_in_child,
     keep_to_group,
     leave,
+    take_blocks,
 )
-from palpate.instrument.contracts.pdo import hand_over
-from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.contracts.declaration import hand_over
+from palpate.instrument.contracts.own import shortest_transfer
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout, UnknownName
 from palpate.instrument.own_process import OwnLock
+
+# --- SDO transfers (CiA 301): the answer that belongs to a request -------------------------------------
+
+
+LATE_ANSWERS = 10  # greatest number that an interrupted transfer can leave; a node that sends more is not trusted
+LARGEST_OBJECT = 4096  # bytes; a device name has some tens
+SEGMENT = 7  # bytes of an object in a frame
+FRAME = 8  # bytes
+SPECIFIER, TOGGLE = 0xE0, 0x10  # bits of a command
+DOWNLOAD, UPLOAD, UPLOAD_SEGMENT, DOWNLOAD_SEGMENT, ABORT = 0x20, 0x40, 0x60, 0x00, 0x80
+ANSWER_OF = {DOWNLOAD: 0x60, UPLOAD: 0x40, UPLOAD_SEGMENT: 0x00, DOWNLOAD_SEGMENT: 0x20}
+TIMED_OUT = 0x0504_0000
+NO_OBJECT = bytes(3)
+
+
+class CheckedSdoClient(SdoClient):
+    """SDO client that checks answers; canopen's own takes the first answer that comes, of any length.
+
+    Answers have no number. A late or repeated answer is known by its object, by its toggle bit, or because it came
+    before request and answer could have been on the bus; it is skipped. The frames of a text do not name their object,
+    so a text is read twice, and both readings must agree.
+
+    Attributes:
+        shortest: shortest time that request and answer take on the bus [s]; 0 where there is no wire.
+        too_soon: number of answers to the last request that came sooner.
+        stepper: see `palpate.drivers.clock.BenchClock`.
+    """
+
+    shortest = 0.0
+    too_soon = 0
+    stepper: Stepper | None = None
+    _object = NO_OBJECT  # index and subindex of the transfer
+
+    def on_response(self, can_id: int, data: bytearray, timestamp: float) -> None:
+        if len(data) == FRAME and self.responses.qsize() <= LATE_ANSWERS:
+            super().on_response(can_id, data, timestamp)  # type: ignore[no-untyped-call]
+
+    def request_response(self, sdo_request: bytearray) -> bytes:
+        """Send a request and return its answer. Raises SdoCommunicationError: none came in time; SdoAbortedError."""
+        request = bytes(sdo_request)
+        if request[0] & SPECIFIER in (DOWNLOAD, UPLOAD):
+            self._object = request[1:4]
+        self._forget()
+        self.too_soon = 0
+        earliest = self.now() + self.shortest
+        self.send_request(request)  # type: ignore[no-untyped-call]
+        until = self.now() + self.RESPONSE_TIMEOUT
+        for heard in itertools.count():
+            left = max(until - self.now(), 0.0)
+            if not left and heard > LATE_ANSWERS:
+                break
+            try:
+                answer = self.next_answer(left)
+            except queue.Empty:
+                break
+            if self.now() < earliest:
+                self.too_soon += 1
+                continue
+            if answer[0] == ABORT and answer[1:4] in (self._object, NO_OBJECT):
+                raise SdoAbortedError(int.from_bytes(answer[4:], "little"))
+            if self._answers(answer, request):
+                return answer
+        self.abort(TIMED_OUT)  # type: ignore[no-untyped-call]
+        raise SdoCommunicationError("no answer in time")
+
+    def next_answer(self, within: float) -> bytes:
+        """The next answer of the node, to whatever request. Raises queue.Empty: none comes for so long [s]."""
+        if self.stepper is not None:
+            until = self.now() + within
+            self.stepper.step()
+            while self.responses.empty() and (left := until - self.now()) > 0:
+                self.stepper.glance(left)
+            within = 0.0
+        answer: bytes = self.responses.get(timeout=within)
+        return answer
+
+    def _answers(self, answer: bytes, request: bytes) -> bool:
+        asked = request[0] & SPECIFIER
+        if answer[0] & SPECIFIER != ANSWER_OF.get(asked):
+            return False
+        if asked in (DOWNLOAD, UPLOAD):
+            return answer[1:4] == self._object
+        return answer[0] & TOGGLE == request[0] & TOGGLE
+
+    def _forget(self) -> None:
+        """Throw away answers that came before they were asked for."""
+        while not self.responses.empty():
+            self.responses.get()
+
+    def now(self) -> float:
+        """Time by which answers are late or too soon [s]."""
+        return time.monotonic()
+
+    def upload(self, index: int, subindex: int, size: int | None = None) -> bytes:
+        """Read an object, which must have the announced size; without one, the first `size` of its four bytes.
+
+        Raises:
+            SdoCommunicationError: the object has another size or no end, or its frames differ when they are read again.
+            SdoAbortedError: the node refuses.
+        """
+        data, in_segments = self._read(index, subindex, size)
+        if in_segments and self._read(index, subindex, size)[0] != data:
+            raise SdoCommunicationError("two reads of the object gave different values")
+        return data
+
+    def _read(self, index: int, subindex: int, size: int | None) -> tuple[bytes, bool]:
+        """An object, and whether it came in segments."""
+        with self.open(index, subindex, "rb", buffering=0) as stream:  # type: ignore[no-untyped-call]
+            segments = list(itertools.islice(iter(lambda: stream.read(SEGMENT), b""), LARGEST_OBJECT // SEGMENT))
+            data = b"".join(segments)
+            if not stream._done or stream.size not in (None, len(data)):
+                raise SdoCommunicationError(f"object of {len(data)} bytes, {stream.size} were announced")
+            unsaid = stream.exp_data is not None and stream.size is None
+            in_segments = stream.exp_data is None
+        return data[:size] if unsaid else data, in_segments
+
 
 # -------------------------------------------------------------------------------------------------------
 # Frames that a CAN bus sends over and over by itself, on time, whatever this program is doing meanwhile
@@ -70,7 +190,7 @@ class Cyclic:
 
         Args:
             cob_id: identifier of the frames.
-            frames: their data, up to `palpate.instrument.contracts.pdo.MOST_CYCLIC`.
+            frames: their data, up to `palpate.instrument.contracts.declaration.MOST_CYCLIC`.
             period_us: time between two frames [us].
 
         Raises LinkError: nothing sends frames on time on this interface, or it failed.
@@ -580,3 +700,99 @@ def _count(heard: Heard, frame: can.Message) -> None:
     for identifiers in (HEARTBEATS, EMERGENCIES, ANSWERS):
         if frame.arbitration_id in identifiers:
             heard.nodes.add(frame.arbitration_id & 0x7F)
+
+
+# --- layer setting services (CiA 305) ------------------------------------------------------------------
+
+
+BIT_TIMING = {1_000_000: 0, 800_000: 1, 500_000: 2, 250_000: 3, 125_000: 4, 50_000: 6, 20_000: 7, 10_000: 8}
+UNCONFIGURED = 255  # what a device without a node id tells in its place
+
+
+@dataclass(frozen=True)
+class LssAddress:
+    """The four parts of 1018h, which no two devices share."""
+
+    vendor: int
+    product: int
+    revision: int
+    serial: int
+
+    def __str__(self) -> str:
+        return " ".join(f"{part:X}h" for part in astuple(self))
+
+
+class LssDevice:
+    """The one device that is in LSS state configuration."""
+
+    def __init__(self, master: LssMaster, name: str) -> None:
+        self._master = master
+        self._name = name
+
+    def node_id(self) -> int | None:
+        """Its node id; None: it has none. Raises LinkTimeout, DeviceError."""
+        with self._told("tell its node id"):
+            found = int(self._master.inquire_node_id())  # type: ignore[no-untyped-call]
+        return None if found == UNCONFIGURED else found
+
+    def set_node_id(self, node: int) -> None:
+        """Set its node id, which it uses after a reset. Raises LinkTimeout, DeviceError."""
+        with self._told(f"take node id {node}"):
+            self._master.configure_node_id(node)  # type: ignore[no-untyped-call]
+
+    def set_bitrate(self, bitrate: int) -> None:
+        """Set its bit rate [bit/s], one of `BIT_TIMING`, which it uses when it is switched on again.
+
+        Raises LinkTimeout, DeviceError.
+        """
+        with self._told(f"take {bitrate} bit/s"):
+            self._master.configure_bit_timing(BIT_TIMING[bitrate])  # type: ignore[no-untyped-call]
+
+    def save(self) -> None:
+        """Let it keep both when it is switched off. Raises LinkTimeout, DeviceError."""
+        with self._told("keep its settings"):
+            self._master.store_configuration()  # type: ignore[no-untyped-call]
+
+    @contextmanager
+    def _told(self, what: str) -> Iterator[None]:
+        try:
+            yield
+        except LssError as error:
+            if str(error).startswith("LSS Error"):
+                raise DeviceError(f"{self._name}: refuses to {what} ({error}); look at its manual") from None
+            raise LinkTimeout(f"{self._name}: did not {what}: {error}; look at it before you go on") from None
+
+
+@contextmanager
+def selected(link: CanLink, address: LssAddress, timeout: float) -> Iterator[LssDevice]:
+    """A context in which the device with this address alone takes settings; the link is open.
+
+    At the end all devices leave LSS state configuration.
+
+    Raises LinkTimeout: no such device answers within `timeout` [s]. LinkError: the bus failed.
+    """
+    master, name = link.network.lss, f"device {address} on {link.name}"
+    master.RESPONSE_TIMEOUT = timeout
+    master.responses = queue.Queue()
+    link.subscribe(LssMaster.LSS_RX_COBID, master.on_message_received)
+    try:
+        try:
+            found = master.send_switch_state_selective(*astuple(address))  # type: ignore[no-untyped-call]
+        except LssError:
+            found = False
+        if not found:
+            raise LinkTimeout(
+                f"{name} does not answer; compare all four numbers with 1018h (palpate bus scan shows them), and see "
+                "that it has LSS"
+            )
+        yield LssDevice(master, name)
+    finally:
+        link.network.unsubscribe(LssMaster.LSS_RX_COBID, master.on_message_received)
+        _leave(link, master)
+
+
+def _leave(link: CanLink, master: LssMaster) -> None:
+    try:
+        master.send_switch_state_global(LssMaster.WAITING_STATE)  # type: ignore[no-untyped-call]
+    except Exception as error:  # each interface of python-can raises other types
+        raise LinkError(f"CAN bus {link.name} failed: {error}; switch all devices off and on") from error

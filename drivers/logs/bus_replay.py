@@ -31,15 +31,17 @@ from palpate.drivers.logs.bus_log import (
     NODE_ID,
     RUN,
     WHOLE_FORMAT,
+    Link,
+    Packet,
     called,
     can_links,
     kind_called,
     logged,
     modbus_links,
     packed,
+    read_pcapng,
     unpacked,
 )
-from palpate.drivers.logs.pcapng import Link, Packet, read_pcapng
 from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.bench.links import (
     FASTEST,
@@ -51,7 +53,7 @@ from palpate.instrument.bench.links import (
     pseudo_terminal,
     reply_begins,
 )
-from palpate.instrument.contracts import shaker_amplifier
+from palpate.instrument.contracts.own import SHAKER_AMPLIFIER
 from palpate.instrument.errors import ConfigError, LinkError, UsageError
 from palpate.instrument.own_process import Ends, close_in_child, watched
 
@@ -156,7 +158,7 @@ class ReplayWire:
 # --- the replay ----------------------------------------------------------------------------------------
 
 TRANSACTION, MBAP = 2, 7  # bytes of a frame on TCP: its transaction number; the whole MBAP header
-AMPLIFIER = shaker_amplifier.CONTRACT
+AMPLIFIER = SHAKER_AMPLIFIER
 ALIVE = b"\x10" + AMPLIFIER["token"].address.to_bytes(2) + b"\0\4\x08"  # a write of token and counter
 FIRST = bytes([0, 0, 0, 1])  # the first counter of a token
 LOOK = b"\3" + AMPLIFIER["status"].address.to_bytes(2) + b"\0\1"  # a read of the status alone

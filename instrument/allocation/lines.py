@@ -17,8 +17,9 @@ from itertools import combinations
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Component, Floats, mixture_factors
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Component, mixture_factors
 
 MOST_FREEDOM = 1e9  # as good as infinitely many
 

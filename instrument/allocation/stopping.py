@@ -34,8 +34,9 @@ from palpate.instrument.allocation.table import (
     known_freedom,
     scatter_factors,
 )
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import COVERAGE, Budget, Floats
+from palpate.instrument.uncertainty.budget import COVERAGE, Budget
 
 REFUTED = 0.01  # probability with which a prior that is true is called refuted
 SETS, MOUNTINGS = "sets", "mountings"  # names of the estimates of how much they scatter

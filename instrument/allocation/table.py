@@ -19,9 +19,9 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, Costs, RepeatUnit, budget, half_widths
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import LARGEST_SHARE, as_typed, counted, plus_minus, rounded_up
-from palpate.instrument.uncertainty.budget import Floats
 
 Numbers = npt.NDArray[np.int64]
 

@@ -7,10 +7,10 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Self, TypeVar, get_args
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar, Literal, Self, TypeVar, get_args
 
 from pydantic import (
     Field,
@@ -21,18 +21,148 @@ from pydantic import (
     model_validator,
 )
 
-from palpate.instrument.bench.beside import Beside, check_beside
 from palpate.instrument.bench.kinds import KINDS, DeviceKind, Role, check_identities, device_kind, kind_in_file
 from palpate.instrument.bench.links import CAN, KIND_OF, LINE, LINKS, CanBus, Link, TcpLink, link_of
-from palpate.instrument.bench.patience import impatient, longest
-from palpate.instrument.config import Config, check, parse_data, read_data
+from palpate.instrument.config import Config, Name, check, parse_data, read_data
 from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import ITSELF
-from palpate.instrument.contracts.pdo import KEPT, LARGEST, OF_A_NODE
+from palpate.instrument.contracts.declaration import ITSELF, KEPT, LARGEST, OF_A_NODE
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Newtons, Seconds, VoltsPerRootHertz, counted, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
+
+if TYPE_CHECKING:
+    from palpate.instrument.contracts.contract import Contract
+
+
+# --- what is read beside each point --------------------------------------------------------------------
+
+# [beside.room]                 # in a bench or scene file
+# device = "thermometer"        # its section: [device.thermometer]
+# field = "temperature"         # of the device's contract
+# unit = "degC"                 # that of the contract, so that no other is taken for it
+# u = 0.3                       # standard uncertainty of a reading, in that unit
+# low = 18.0
+# high = 28.0
+# outside = "invalidate"        # the point is not used; "mark" (the default) only marks it
+# every = "60 s"                # a reading serves all points of so long a time; without it each point has its own
+
+
+COLUMNS = "beside_"  # begins the names of values in records
+KEY = re.compile(r"[a-z][a-z0-9_]{0,39}")
+Number = Annotated[float, Field(strict=True)]
+
+
+class Beside(Config):
+    """A `[beside.NAME]` table; its numbers are in `unit`."""
+
+    device: Name
+    field: Name
+    unit: str = ""
+    u: Number | None = Field(default=None, ge=0)
+    low: Number | None = None
+    high: Number | None = None
+    outside: Literal["mark", "invalidate"] = "mark"
+    every: Seconds | None = Field(default=None, gt=0)
+
+    @model_validator(mode="after")
+    def _in_order(self) -> Self:
+        if self.low is not None and self.high is not None and not self.low < self.high:
+            raise ValueError(f"low = {self.low:g} is not below high = {self.high:g}; exchange them")
+        if self.outside == "invalidate" and self.low is None and self.high is None:
+            raise ValueError('outside = "invalidate" needs a limit; give low, high or both')
+        return self
+
+    def column(self, name: str) -> str:
+        """Name of the value in records, as beside_room_degC; that of its standard uncertainty has _u behind it."""
+        unit = re.sub(r"[^A-Za-z0-9]+", "_", self.unit).strip("_")
+        return COLUMNS + "_".join(part for part in (name, unit) if part)
+
+    def columns(self, name: str) -> list[str]:
+        """The names of all its values in records."""
+        own = self.column(name)
+        return [own] if self.u is None else [own, f"{own}_u"]
+
+    def limits(self) -> str:
+        """The limits for people."""
+        unit = f" {self.unit}" if self.unit else ""
+        if self.low is None:
+            return f"at most {self.high:g}{unit}"
+        return f"at least {self.low:g}{unit}" if self.high is None else f"{self.low:g} to {self.high:g}{unit}"
+
+    def holds(self, value: float) -> bool:
+        """Whether a value is within the limits."""
+        return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
+
+
+def check_beside(asked: Mapping[str, Beside], known: Mapping[str, Contract]) -> None:
+    """Check what is asked for beside each point against the contracts of a bench's devices, by their names.
+
+    Raises ConfigError: a name cannot be one, there is no such device, field or unit, or two would have one column.
+    """
+    owners: dict[str, str] = {}
+    for name, given in asked.items():
+        where = f"beside.{name}"
+        if not KEY.fullmatch(name):
+            raise ConfigError(f"{where}: {name!r} is no name; give small letters, digits and _, such as room_2")
+        try:
+            if given.device not in known:
+                raise UnknownName("device of this bench", given.device, known)
+            _check_field(given, known[given.device])
+        except (ConfigError, UnknownName) as error:
+            raise ConfigError(f"{where}: {error}") from None
+        for column in given.columns(name):
+            if (other := owners.setdefault(column, name)) != name:
+                raise ConfigError(f"{where}: it has the column {column} of beside.{other}, too; give it another name")
+
+
+def _check_field(given: Beside, contract: Contract) -> None:
+    readable = {field.name: field for field in contract.fields if field.access != "wo" and field.type != "text"}
+    if given.field not in readable:
+        raise UnknownName(f"field of {given.device} that can be read", given.field, readable)
+    if (unit := readable[given.field].unit) != given.unit:
+        told = f"has the unit {unit}" if unit else "has no unit"
+        raise ConfigError(f"unit: {given.field} of {given.device} {told}, not {given.unit!r}; write unit = {unit!r}")
+
+
+# --- patience with a silent device ---------------------------------------------------------------------
+
+
+READ_ATTEMPTS = 2  # attempts of a read on a bench that records incidents; else 1
+WAITS = 2  # time-outs that an attempt can last: after a failed one, the link must first fall silent
+PATIENCE = 20.0  # s that the driving thread may spend on a silent device, on computing, or on the disk
+LONGEST = PATIENCE / (READ_ATTEMPTS * WAITS)  # s, longest time-out of a link
+
+
+def longest(link: Link, guards: bool, watchdog: float) -> float:
+    """The longest time-out that a link can have [s].
+
+    Args:
+        link: the link.
+        guards: whether the device with the watchdog is on it.
+        watchdog: time-out of the watchdog [s].
+    """
+    if guards and not isinstance(link, CanBus):  # what feeds a watchdog on Modbus waits for its turn on the link
+        return min(watchdog / READ_ATTEMPTS, LONGEST)
+    return LONGEST
+
+
+def impatient(link: Link, guard: str, watchdog: float, *, guards: bool) -> str:
+    """What is wrong with the time-out of a link, with the remedy; empty: nothing. `guard` has the watchdog."""
+    most = longest(link, guards, watchdog)
+    if link.timeout <= most:
+        return ""
+    waited = (READ_ATTEMPTS if most < LONGEST else READ_ATTEMPTS * WAITS) * link.timeout
+    why = (
+        f"and the watchdog of {guard} ({show(watchdog, 's')}) is not fed meanwhile"
+        if most < LONGEST
+        else f"and after {show(PATIENCE, 's')} this program counts as hanging, so that the watchdog of {guard} acts"
+    )
+    return (
+        f"timeout = {show(link.timeout, 's')}: a device that falls silent is waited for {show(waited, 's')}, {why}; "
+        f'write timeout = "{show(most, "s")}" or less'
+    )
+
 
 # --- The devices that a bench file lists: each with its kind, its link and its address on the link -----
 
@@ -295,48 +425,6 @@ def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:
                 )
 
 
-# -------------------------------------------------------------------------------------------------------
-# The form of bench files before `[link.NAME]` and `[device.NAME]`, in which older runs and logs were recorded
-
-ON_TCP = ("signal_generator", "shaker_amplifier", "sample_changer")  # each section was a link and the device on it
-MOVED = ("host", "port", "timeout")  # keys of such a section that belong to the link
-ON_LINE = {"strain_indicator": 1, "positioner": 2}  # both were on [line], with these units if the file gave none
-SECTIONS = (*ON_TCP, "line", *ON_LINE, "can")
-
-
-def older_sections(data: Mapping[str, Any]) -> list[str]:
-    """Names of the sections of a bench file that are of the older form."""
-    return [name for name in SECTIONS if isinstance(data.get(name), dict)]
-
-
-def renewed(data: Mapping[str, Any]) -> dict[str, Any]:
-    """The content of a bench file in the present form; devices at one TCP address get one link."""
-    found = {name: dict(data[name]) for name in older_sections(data)}
-    links: dict[str, Any] = {}
-    devices: dict[str, Any] = {}
-    names: dict[str, str] = {}  # of the links on TCP, by address
-    for name in ON_TCP:
-        if name in found:
-            section = found[name]
-            link = {"kind": "modbus-tcp", **{key: section.pop(key) for key in MOVED if key in section}}
-            at = names.setdefault(f"{link.get('host')}:{link.get('port', 502)}".lower(), name)
-            links.setdefault(at, link)
-            devices[name] = {"kind": name, "link": at, "unit": 1, **section}
-    if "line" in found:
-        links["line"] = {"kind": "modbus-rtu", **found["line"]}
-    for name, unit in ON_LINE.items():
-        if name in found or "line" in found:
-            devices[name] = {"kind": name, "link": "line", "unit": unit, **found.get(name, {})}
-    if "can" in found:
-        nodes = found["can"].pop("nodes", [])
-        links["can"] = {"kind": "canopen", **found["can"]}
-        for number, node in enumerate(nodes if isinstance(nodes, list) else [], 1):
-            devices[f"sensor_node_{number}"] = {"kind": "sensor_node", "link": "can", "node": node}
-    rest = {key: value for key, value in data.items() if key not in found}
-    own = {key: rest.pop(key, None) or {} for key in ("link", "device")}
-    return {**rest, "link": links | own["link"], "device": devices | own["device"]}
-
-
 # --- the description -----------------------------------------------------------------------------------
 
 T = TypeVar("T")
@@ -465,7 +553,7 @@ class BenchDescription(Config):
         if self.unguarded:
             data["watchdog"] = NO_WATCHDOG
         if not self.simulated:
-            data.pop("simulated", None)  # `comparison` leaves it out
+            data.pop("simulated", None)  # `compared` leaves it out
         for key in ("withstands", "load_channel"):
             if getattr(self, key) is None:
                 data.pop(key, None)
@@ -572,21 +660,77 @@ def _dump(table: Config) -> dict[str, Any]:
 
 
 def read_bench(path: Path) -> BenchDescription:
-    """Read a bench file. Raises ConfigError: it is wrong, or in the older form; then the message has its new text."""
-    data = read_data(path)
-    if older := older_sections(data):
-        import tomli_w
-
-        raise ConfigError(
-            f"{path}: has older sections: {', '.join(older)}; each link and each device has a section of its "
-            f"own now. Write instead (comments are left out):\n\n{tomli_w.dumps(renewed(data))}"
-        )
-    bench = check(placed(path, data), BenchDescription, str(path))
+    """Read a bench file. Raises ConfigError: it is wrong."""
+    bench = check(placed(path, read_data(path)), BenchDescription, str(path))
     if problems := bench.unsafe():
         raise ConfigError("\n".join(f"{path}: {problem}" for problem in problems))
     return bench
 
 
 def recorded_bench(text: str, where: str) -> BenchDescription:
-    """The bench of a run or log, which may be in the older form. Raises ConfigError as `read_bench`, with `where`."""
-    return check(renewed(parse_data(text.encode(), where)), BenchDescription, where)
+    """The bench of a run or log. Raises ConfigError as `read_bench`, with `where`."""
+    return check(parse_data(text.encode(), where), BenchDescription, where)
+
+
+# --- comparison of two bench files ---------------------------------------------------------------------
+
+
+Tables = dict[str, dict[str, Any]]
+
+
+def compared(before: BenchDescription, now: BenchDescription) -> tuple[dict[str, Any], dict[str, Any]]:
+    """Two benches as tables that are equal where the benches are.
+
+    If a link or a device has different names in the two files, both tables use the name of the first file.
+    """
+    first, second = _tables(before), _tables(now)
+    links = _names(first["link"], second["link"])
+    for name, device in second["device"].items():  # a changed link is recognised by the devices on it
+        known = first["device"].get(name, device)["link"]
+        if links[device["link"]] not in first["link"] and known not in links.values():
+            links[device["link"]] = known
+    for device in second["device"].values():
+        device["link"] = links[device["link"]]
+    devices = _names(first["device"], second["device"])
+    second["link"] = {links[name]: table for name, table in second["link"].items()}
+    second["device"] = {devices[name]: table for name, table in second["device"].items()}
+    return first, second
+
+
+def _tables(bench: BenchDescription) -> dict[str, Any]:
+    links = {name: {"kind": KIND_OF[type(link)], **link.model_dump(mode="json")} for name, link in bench.links.items()}
+    listed = bench.devices
+    devices = {
+        each.name: {
+            "kind": each.kind.name,
+            "link": each.link,
+            "unit": each.unit,
+            "role": " ".join(_places(each, listed)),
+            "optional": each.optional,
+            **each.settings.model_dump(mode="json"),
+        }
+        for each in listed
+    }
+    kept = {"name", "design", "force_limit", "withstands", "watchdog", "pickup", "load_channel"}
+    whole = bench.model_dump(mode="json", include=kept)
+    return {**whole, "link": links, "device": devices}
+
+
+def _places(device: Listed, listed: Sequence[Listed]) -> Iterator[str]:
+    """The roles that a device fills, with its place among several, because the order of nodes gives their channels."""
+    for role in get_args(Role):
+        several = filling(role, listed)
+        if device in several:
+            yield role if len(several) == 1 else f"{role} {several.index(device) + 1}"
+
+
+def _names(first: Mapping[str, object], second: Mapping[str, object]) -> dict[str, str]:
+    """For each name of the second, its name in the first: the same one, or that of an equal entry not yet assigned."""
+    found = {name: name for name in second}
+    left = {name: table for name, table in first.items() if name not in second}
+    for name, table in second.items():
+        alike = next((other for other, known in left.items() if known == table), None)
+        if name not in first and alike is not None:
+            found[name] = alike
+            del left[alike]
+    return found

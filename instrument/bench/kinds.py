@@ -17,15 +17,13 @@ from typing import Literal, TypeVar
 from pydantic import Field, create_model
 
 from palpate.instrument.additions import additions, check_ours, find, unusable
-from palpate.instrument.bench.role_maps import ROLE_MAPS
-from palpate.instrument.bench.role_maps.role_map import RoleMap
+from palpate.instrument.bench.role_maps import ROLE_MAPS, RoleMap
 from palpate.instrument.config import Config, check
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import SHIPPED, DeviceMap, read_map, shipped, shipped_map
-from palpate.instrument.contracts.sample_changer import TRAVEL
-from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.contracts.own import CHANNELS, TRAVEL
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.quantity import Amperes, Volts
 
@@ -179,9 +177,10 @@ class IndicatorSettings(Config):
 def _own(
     contract: str, link: LinkKind, driver: str, simulator: str, role: Role, settings: type[Config] = NoSettings
 ) -> DeviceKind:
-    """One of palpate's own kinds, whose driver and simulator lie in modules with the name of its role."""
-    driver = f"palpate.drivers.devices.{role}:{driver}"
-    simulator = f"palpate.simulators.devices.{role}:{simulator}"
+    """One of palpate's own kinds: a source and an amplifier are an exciter together, and lie in one module."""
+    module = "exciter" if role in ("source", "amplifier") else role
+    driver = f"palpate.drivers.devices.{module}:{driver}"
+    simulator = f"palpate.simulators.devices.{module}:{simulator}"
     return DeviceKind(CONTRACTS[contract], (link,), driver, simulator, settings, (role,))
 
 

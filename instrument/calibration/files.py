@@ -9,10 +9,9 @@ from typing import TypeVar, overload
 import tomli_w
 
 from palpate.instrument.calibration.calibration import Calibration
-from palpate.instrument.calibration.films import FilmCalibration
+from palpate.instrument.calibration.films import FilmCalibration, MountingScatterCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_data, read_hashed
 from palpate.instrument.durable import put_whole
 from palpate.instrument.errors import RecordError, reason

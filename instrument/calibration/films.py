@@ -8,18 +8,20 @@ from dataclasses import dataclass, replace
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
-import numpy.typing as npt
 from pydantic import ConfigDict, Field, model_validator
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.config import Config, Name, NotNegative, Positive, check
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.uncertainty.budget import Budget, Component
+from palpate.instrument.uncertainty.budget import Between, Budget, Component
 from palpate.instrument.uncertainty.interpolation import interpolate
 
-Floats = npt.NDArray[np.float64]
+# --- the films -----------------------------------------------------------------------------------------
+
+
 FEWEST = 3  # least number of points for each film; fewer do not show the scatter
 REPEATS, LOAD_CELL = "scatter from one load set to the next", "load cell"
 
@@ -244,3 +246,40 @@ def _linearity(readings: Sequence[FilmReading], film: int) -> float:
     volts = np.array([np.mean([r.voltage[film] for r in readings if r.set_load == s]) for s in sets])
     line = interpolate(load, volts, 0.0)
     return float(np.abs(volts - line.reading(load)).max() / abs(line.coefficients[1] * np.ptp(load)))
+
+
+# --- scatter of mountings ------------------------------------------------------------------------------
+
+
+class MountingScatterCalibration(Calibration):
+    """Scatter of the ratio of one sensor from mounting to mounting. The field names are the keys of its file.
+
+    Args:
+        means_u: relative standard deviation of the mean ratio of a mounting; what sets scatter within it is in it.
+        degrees_of_freedom: degrees of freedom of this estimate: mountings less one.
+        sets_u: what sets alone add to it.
+        sets_freedom: the degrees of freedom of that.
+        design: design of the sensor.
+        device: serial number of the sensor node.
+    """
+
+    file: ClassVar[str] = "scatter of mountings"
+    kind: ClassVar[str] = "mountings"
+    make: ClassVar[str] = "run palpate measure modulus with three mountings or more"
+
+    model_config = ConfigDict(strict=True)
+
+    means_u: Positive
+    degrees_of_freedom: Annotated[int, Field(ge=1)]
+    sets_u: NotNegative
+    sets_freedom: Annotated[int, Field(ge=1)]
+    design: Name
+
+    @property
+    def of(self) -> tuple[str, ...]:
+        return (self.design,)
+
+    @property
+    def found(self) -> Between:
+        """What is known of the scatter beyond that of sets."""
+        return Between(self.means_u, self.degrees_of_freedom, self.sets_u, self.sets_freedom)

@@ -2,27 +2,32 @@
 
     found.line(same_films=True)              # what is left of the model's validation error
 
-The curve of the model is divided by the constant. `model_fit` finds it.
+The curve of the model is divided by the constant. `fit_model` finds it.
 """
 
 from __future__ import annotations
 
 import math
-from dataclasses import replace
-from typing import TYPE_CHECKING, Annotated, ClassVar
+from collections.abc import Mapping, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Annotated, Any, ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
 from pydantic import ConfigDict, Field
 
 from palpate.instrument.calibration.calibration import Calibration
-from palpate.instrument.config import Config, Name, NotNegative, Positive
-from palpate.instrument.errors import ConfigError
-from palpate.instrument.models.validation import ValidationLine, remedy
+from palpate.instrument.config import Config, Name, NotNegative, Positive, check
+from palpate.instrument.errors import ConfigError, EstimateError
+from palpate.instrument.models.validation import Validation, ValidationLine, remedy
 from palpate.instrument.quantity import counted, show
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
+
+
+# --- the calibration -----------------------------------------------------------------------------------
+
 
 REACH = 3.0  # factor between moduli
 
@@ -167,3 +172,224 @@ def telling(spread: float, variance: float) -> float:
     The variance of an estimate of spread² grows with (spread² + variance)².
     """
     return (spread**2 / (spread**2 + variance)) ** 2
+
+
+# --- the fit -------------------------------------------------------------------------------------------
+
+#     measured = [MeasuredReference("A", 48e3, 0.02, "stated", 0.21, 0.017, 0.0, 0.0, 0.26, 2.0), ...]
+#     fit_model(measured, validate("single", "physical", "surface"), origin)
+#
+# References tell how much objects differ about the constant. Their spread is pooled with that of the thesis' samples,
+# unless they refute it. References that no spread explains are refused.
+
+
+REFUTED = 0.01  # probability of a chi2 by chance below which the thesis' spread is dropped
+CONTRADICTION = 1e-4  # probability of a chi2 by chance below which references are refused
+# Where the thesis tells nothing of a model: a spread of ratios, and a distance of the curve, that no chi2 should call a
+# contradiction. They serve to refuse references, and enter no uncertainty.
+UNTOLD_SPREAD, UNTOLD_DISTANCE = 0.25, 0.5
+
+
+@dataclass(frozen=True, slots=True)
+class MeasuredReference:
+    """A reference with its measured force ratio. All uncertainties are relative standard uncertainties.
+
+    Attributes:
+        name: name of the reference.
+        modulus_Pa, modulus_u: its Young modulus.
+        source: where the modulus comes from.
+        force_ratio: mean measured ratio.
+        force_ratio_u: part of the ratio's uncertainty that is its own: scatter of the gains, and noise.
+        films_u, pickup_u: parts that all references share: the films' calibration, and pick-up.
+        model_force_ratio: ratio of the model for this modulus.
+        sensitivity: d ln E / d ln R of the model there.
+    """
+
+    name: str
+    modulus_Pa: float
+    modulus_u: float
+    source: str
+    force_ratio: float
+    force_ratio_u: float
+    films_u: float
+    pickup_u: float
+    model_force_ratio: float
+    sensitivity: float
+
+    @property
+    def ln_error(self) -> float:
+        """ln of the model's ratio over the measured one."""
+        return math.log(self.model_force_ratio / self.force_ratio)
+
+    @property
+    def ln_error_u(self) -> float:
+        """Standard uncertainty of it that this reference alone has."""
+        return math.hypot(self.force_ratio_u, self.modulus_u / self.sensitivity)
+
+
+def fit_model(
+    references: Sequence[MeasuredReference], known: Validation, origin: Mapping[str, Any]
+) -> ModelCalibration:
+    """Fit the constant of a model and its spread to measured references.
+
+    Args:
+        references: at least one.
+        known: the model's errors against the thesis' experiments.
+        origin: the other fields of `ModelCalibration`.
+
+    Raises:
+        EstimateError: references contradict each other or the curve, beyond chi2 of a chance of 1e-4.
+    """
+    errors, variances = [r.ln_error for r in references], [r.ln_error_u**2 for r in references]
+    _check_curve(references, known)
+    _check_each_other(references, known)
+    found = _spread(references, known)
+    spread = found.u or 0.0
+    weights = [1 / (spread**2 + (0.0 if found.holds_all else each)) for each in variances]
+    shares = [each / math.fsum(weights) for each in weights]
+
+    def mean(values: Sequence[float]) -> float:
+        return math.fsum(share * value for share, value in zip(shares, values, strict=True))
+
+    fields = {
+        "references": [{**asdict(r), "ln_error": r.ln_error, "ln_error_u": r.ln_error_u} for r in references],
+        "constant": mean(errors),
+        "constant_u": 0.0
+        if found.holds_all
+        else math.sqrt(mean([s * v for s, v in zip(shares, variances, strict=True)])),
+        "films_u": mean([r.films_u for r in references]),
+        "pickup_u": mean([r.pickup_u for r in references]),
+        "spread": found.u,
+        "spread_degrees_of_freedom": found.degrees_of_freedom,
+        "weight": math.fsum(share**2 for share in shares),
+        "prior": found.basis,
+        **origin,
+    }
+    return check(fields, ModelCalibration, "model calibration")
+
+
+def expected_u(known: Validation, moduli_u: Sequence[float], scatter_u: float) -> float | None:
+    """Standard uncertainty of ln of an object's ratio that references are expected to leave.
+
+    Args:
+        known: the model's errors against the thesis' experiments, whose spread the references are expected to have.
+        moduli_u: uncertainty of each reference's ln ratio by its modulus.
+        scatter_u: that by its load sets.
+
+    Returns:
+        None: the thesis tells no spread.
+    """
+    spread = known.ln_spread
+    if spread is None:
+        return None
+    weights = [1 / (spread**2 + each**2 + scatter_u**2) for each in moduli_u]
+    return math.sqrt(spread**2 + 1 / math.fsum(weights))
+
+
+@dataclass(frozen=True, slots=True)
+class _Spread:
+    """Standard deviation of objects about the constant; None: not known.
+
+    Attributes:
+        basis: what it rests on, in words.
+        holds_all: whether it holds the references' own uncertainties, too.
+    """
+
+    u: float | None
+    degrees_of_freedom: float | None
+    basis: str
+    holds_all: bool = False
+
+
+def _spread(references: Sequence[MeasuredReference], known: Validation) -> _Spread:
+    """The spread of references and thesis, pooled as variances.
+
+    What the references' own uncertainties explain is taken off. Where nothing else tells the spread, it stays in: then
+    Student's factor for the few references holds for all of it.
+    """
+    errors, variances = [r.ln_error for r in references], [r.ln_error_u**2 for r in references]
+    count, more = len(errors), len(errors) - 1
+    explained = math.fsum(variances) / count
+    own = math.fsum((each - math.fsum(errors) / count) ** 2 for each in errors) / more if more else 0.0
+    whole = math.sqrt(max(own, explained))
+    prior = known.ln_spread
+    if prior is None:
+        return _Spread(whole, more, "their own spread", True) if more else _Spread(None, None, "no spread is known")
+    freedom = len(known.percent) - 1
+    told = f"the thesis' {100 * prior:.2g} % ({freedom} degrees of freedom)"
+    by_thesis = [prior**2 + each for each in variances]
+    if more and _chi2(errors, by_thesis) > _quantile(REFUTED, more):
+        worst = _farthest(references, by_thesis)
+        which = f"; {worst!r} lies farthest from the others" if worst else ""
+        return _Spread(whole, more, f"their own spread, which refutes {told}{which}", True)
+    tell = more * telling(prior, explained)
+    pooled = math.sqrt((freedom * prior**2 + tell * max(own - explained, 0.0)) / (freedom + tell))
+    return _Spread(pooled, freedom + tell, f"spread pooled with {told}" if more else f"spread of {told}")
+
+
+def _check_curve(references: Sequence[MeasuredReference], known: Validation) -> None:
+    distance = UNTOLD_DISTANCE if known.ln_rms is None else known.ln_rms
+    limit = _quantile(CONTRADICTION, 1)
+    for each in references:
+        chi2 = each.ln_error**2 / (distance**2 + each.ln_error_u**2)
+        if chi2 > limit:
+            raise EstimateError(
+                f"reference {each.name!r} contradicts the curve: its ratio is {each.force_ratio:.4g}, and the model"
+                f" gives {each.model_force_ratio:.4g} for {show(each.modulus_Pa, 'Pa')}; chi2 {chi2:.1f} is above"
+                f" {limit:.1f}. Check its modulus and its mounting, or take another model"
+            )
+
+
+def _check_each_other(references: Sequence[MeasuredReference], known: Validation) -> None:
+    spread = _greatest_spread(known)
+    errors, variances = [r.ln_error for r in references], [spread**2 + r.ln_error_u**2 for r in references]
+    if len(references) < 2 or (chi2 := _chi2(errors, variances)) <= (
+        limit := _quantile(CONTRADICTION, len(references) - 1)
+    ):
+        return
+
+    worst = _farthest(references, variances)
+    both = " and ".join(repr(r.name) for r in references)
+    who = f"reference {worst!r} and the others" if worst else f"references {both}"
+    which = f"{worst!r}" if worst else "one of them"
+    lines = ", ".join(f"{r.name}: {math.exp(r.ln_error):.3f}" for r in references)
+    raise EstimateError(
+        f"{who} contradict each other: the model's ratio over the measured one is {lines}; chi2 {chi2:.1f} is above"
+        f" {limit:.1f}. Measure {which} again or leave it out, or take another model"
+    )
+
+
+def _farthest(references: Sequence[MeasuredReference], variances: Sequence[float]) -> str:
+    """Name of the reference without which the others agree best; empty for two, which differ alike."""
+    if len(references) < 3:
+        return ""
+
+    def without(left_out: int) -> float:
+        left = [(r.ln_error, v) for i, (r, v) in enumerate(zip(references, variances, strict=True)) if i != left_out]
+        return _chi2(*zip(*left, strict=True))
+
+    return references[min(range(len(references)), key=without)].name
+
+
+def _greatest_spread(known: Validation) -> float:
+    """The upper end of the one-sided 95 % interval of the thesis' spread, whose degrees of freedom are few."""
+    from scipy.special import chdtri
+
+    if known.ln_spread is None:
+        return UNTOLD_SPREAD
+    freedom = len(known.percent) - 1
+    return float(known.ln_spread * math.sqrt(freedom / chdtri(freedom, 0.95)))
+
+
+def _chi2(values: Sequence[float], variances: Sequence[float]) -> float:
+    """Sum of squares about the weighted mean, each over its variance."""
+    weights = [1 / each for each in variances]
+    mean = math.fsum(w * v for w, v in zip(weights, values, strict=True)) / math.fsum(weights)
+    return math.fsum(w * (v - mean) ** 2 for w, v in zip(weights, values, strict=True))
+
+
+def _quantile(chance: float, freedom: int) -> float:
+    """The chi2 that a chance exceeds."""
+    from scipy.special import chdtri
+
+    return float(chdtri(freedom, chance))

@@ -1,23 +1,23 @@
-"""The contracts of the bench's six devices. The maps are our own; each module names the real maps that it imitates."""
+"""The contracts of the bench's own devices, by name, and what a run keeps of them."""
 
 from __future__ import annotations
 
 import hashlib
 from collections.abc import Iterable
 
-from palpate.instrument.contracts import (
-    positioner,
-    sample_changer,
-    sensor_node,
-    shaker_amplifier,
-    signal_generator,
-    strain_indicator,
-)
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.own import (
+    POSITIONER,
+    SAMPLE_CHANGER,
+    SENSOR_NODE,
+    SHAKER_AMPLIFIER,
+    SIGNAL_GENERATOR,
+    STRAIN_INDICATOR,
+)
 
 CONTRACTS: dict[str, Contract] = {
-    module.CONTRACT.name: module.CONTRACT
-    for module in (signal_generator, shaker_amplifier, strain_indicator, positioner, sensor_node, sample_changer)
+    contract.name: contract
+    for contract in (SIGNAL_GENERATOR, SHAKER_AMPLIFIER, STRAIN_INDICATOR, POSITIONER, SENSOR_NODE, SAMPLE_CHANGER)
 }
 
 

@@ -20,6 +20,7 @@ from palpate.instrument.contracts.declaration import (
     Identity,
     Manners,
     Mark,
+    Pdo,
     check_declaration,
     digest,
 )
@@ -38,7 +39,6 @@ from palpate.instrument.contracts.field import (
     swapped,
     told_text,
 )
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import RangeError
 
 __all__ = [

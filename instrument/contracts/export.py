@@ -16,8 +16,8 @@ from typing import TYPE_CHECKING, Any
 from palpate.instrument.additions import library
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract, Field, Value
-from palpate.instrument.contracts.pdo import Pdo, is_relative
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID
+from palpate.instrument.contracts.declaration import Pdo, is_relative
+from palpate.instrument.contracts.own import SYNC_COB_ID
 from palpate.instrument.errors import RecordError, reason
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ import canopen
 from canopen.objectdictionary import ODArray, ODRecord, ODVariable, datatypes
 
 from palpate.instrument.contracts.contract import Contract, Field
-from palpate.instrument.contracts.pdo import MOST_ENTRIES, PDOS, SENT, TAKEN, Pdo
+from palpate.instrument.contracts.declaration import MOST_ENTRIES, PDOS, SENT, TAKEN, Pdo
 
 _TYPES = {
     "uint8": datatypes.UNSIGNED8,

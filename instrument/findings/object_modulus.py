@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.curve import RatioCurve, chosen, corrected, ratio_curve
 from palpate.instrument.models.price_list import model_error, stored
-from palpate.instrument.models.ratio import RatioQuestion
-from palpate.instrument.models.response import AUTO
+from palpate.instrument.models.response import AUTO, RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validation_u
 from palpate.instrument.uncertainty.budget import coverage_factor
 
@@ -35,7 +35,6 @@ if TYPE_CHECKING:
 # method of JCGM 101 would find the same interval, plus its own noise. Near the ratios of very soft and very hard
 # objects the ratio hardly depends on the modulus; there only a bound is given.
 
-Array = NDArray[np.float64]
 
 INTERVAL, AT_LEAST, AT_MOST, ANY = "interval", "at least", "at most", "any"
 # Greatest relative error of the modulus over that of the ratio. The column model reaches it at a ratio of 0.97: above
@@ -62,10 +61,10 @@ class ModulusEstimate:
         ambiguous: whether several moduli give the ratio.
     """
 
-    modulus: Array
-    low: Array
-    high: Array
-    sensitivity: Array
+    modulus: Floats
+    low: Floats
+    high: Floats
+    sensitivity: Floats
     kind: NDArray[np.str_]
     outside: NDArray[np.bool_]
     ambiguous: NDArray[np.bool_]
@@ -109,7 +108,7 @@ def modulus_of_ratio(
     return modulus_within(curve, given, given - spread, given + spread)
 
 
-def modulus_within(curve: RatioCurve, given: Array, lowest: Array, highest: Array) -> ModulusEstimate:
+def modulus_within(curve: RatioCurve, given: Floats, lowest: Floats, highest: Floats) -> ModulusEstimate:
     """Modulus of the sensed object for each force ratio, whose interval is known.
 
     Args:
@@ -151,7 +150,7 @@ def _kind(below: NDArray[np.bool_], above: NDArray[np.bool_]) -> NDArray[np.str_
     return np.select([~below & ~above, ~above, ~below], [ANY, AT_LEAST, AT_MOST], INTERVAL)
 
 
-def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, Array]:
+def _moduli_between(curve: RatioCurve, low: Floats, high: Floats) -> tuple[Floats, Floats]:
     """Logarithms of the least and the greatest modulus whose ratio is between `low` and `high`.
 
     They are infinite where an end of the curve lies between: the curve tells nothing of moduli beyond its end.
@@ -159,7 +158,7 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
     first, last = np.full(low.shape, np.inf), np.full(low.shape, -np.inf)
     for nodes, ratios in curve.stretches:
         hit = (high >= ratios[0]) & (low <= ratios[-1])
-        sides: list[tuple[Array, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
+        sides: list[tuple[Floats, Literal["left", "right"]]] = [(low, "left"), (high, "right")]
         for ends, side in sides[: 1 if low is high else 2]:  # on this part of the curve each ratio has one modulus
             modulus = _inverse(curve, nodes, ratios, np.clip(ends[hit], ratios[0], ratios[-1]), side)
             first[hit], last[hit] = np.minimum(first[hit], modulus), np.maximum(last[hit], modulus)
@@ -170,7 +169,9 @@ def _moduli_between(curve: RatioCurve, low: Array, high: Array) -> tuple[Array, 
     )
 
 
-def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side: Literal["left", "right"]) -> Array:
+def _inverse(
+    curve: RatioCurve, nodes: Floats, ratios: Floats, wanted: Floats, side: Literal["left", "right"]
+) -> Floats:
     """Logarithms of the moduli of some ratios, on a stretch of the curve where the ratio rises from node to node.
 
     Where the curve is level, `side` says which end of the level part is taken.
@@ -180,7 +181,7 @@ def _inverse(curve: RatioCurve, nodes: Array, ratios: Array, wanted: Array, side
     return _root(lambda at, nu=0: curve.line(at, nu) - (0 if nu else wanted), nodes[start], nodes[start + 1])
 
 
-def _root(of: Callable[..., Array], below: Array, above: Array) -> Array:
+def _root(of: Callable[..., Floats], below: Floats, above: Floats) -> Floats:
     """Roots by Newton's method from the chord, or by halving where it leaves the interval or hardly moves its ends.
 
     Args:
@@ -204,7 +205,7 @@ def _root(of: Callable[..., Array], below: Array, above: Array) -> Array:
     return at
 
 
-def check_ratios(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Array, Array]:
+def check_ratios(ratio: ArrayLike, u: ArrayLike, coverage: float) -> tuple[Floats, Floats]:
     """Check ratios and uncertainties before a curve is computed, and return them as arrays of one shape.
 
     Raises:
@@ -310,7 +311,7 @@ def estimate(
             return f"1 % of the ratio is {found.sensitivity[index]:.0f} % of the modulus here"
         return "" if found.kind[index] == INTERVAL else "the ratio's interval reaches beyond the model's"
 
-    def relative_u(index: int, of_ratio: Array, validation: float | None) -> float | None:
+    def relative_u(index: int, of_ratio: Floats, validation: float | None) -> float | None:
         if validation is None or not math.isfinite(found.modulus[index]):
             return None
         on_scale = math.hypot(of_ratio[index], rectangle[index]) / ratios[index]
@@ -364,14 +365,14 @@ class _Given:
     question: RatioQuestion
     line: ValidationLine
     ratios: Sequence[float]
-    u: Array
-    apart: Array
-    freedom: Array
+    u: Floats
+    apart: Floats
+    freedom: Floats
 
 
 def _read_off(
     given: _Given, curve: RatioCurve
-) -> tuple[list[float | None], Array, ModulusEstimate, ModulusEstimate | None]:
+) -> tuple[list[float | None], Floats, ModulusEstimate, ModulusEstimate | None]:
     """Errors of the model, bounds on those of the curve, and the moduli on the scale and absolute."""
     errors, found = _priced(given.question, curve, given.ratios, given.u, given.freedom)
     # The curve that model "auto" answers with holds the model's error already.
@@ -383,7 +384,7 @@ def _read_off(
 
 
 def _absolute(
-    curve: RatioCurve, line: ValidationLine, ratios: Array, u: Array, freedom: Array, bound: Array
+    curve: RatioCurve, line: ValidationLine, ratios: Floats, u: Floats, freedom: Floats, bound: Floats
 ) -> ModulusEstimate:
     """Intervals that hold the validation error, too. It is a share of the ratio, so they are those of its logarithm."""
     validation = line.u or 0.0
@@ -405,7 +406,7 @@ def _ends(name: str, found: ModulusEstimate | None, index: int) -> dict[str, flo
 
 
 def _priced(
-    question: RatioQuestion, curve: RatioCurve, ratios: Sequence[float], u: Array, freedom: Array
+    question: RatioQuestion, curve: RatioCurve, ratios: Sequence[float], u: Floats, freedom: Floats
 ) -> tuple[list[float | None], ModulusEstimate]:
     """The model's error between the moduli of each interval, None where it is not priced; intervals that hold it."""
     sensor, (lowest, *_, highest) = question.sensor(), stored().moduli_Pa

@@ -13,11 +13,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
-
-Floats = npt.NDArray[np.float64]
 
 GRID = 1e-5  # m
 TAILS = (0.025, 0.975)  # probabilities at the ends of a 95 % interval

@@ -36,14 +36,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.springs import stretch_stiffness
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import require_positive
-from palpate.instrument.sensor.sample import Sample
-
-Array = NDArray[np.float64]
+from palpate.instrument.sensor.sample import Sample, require_positive
 
 ELEMENTS = 16
 
@@ -103,7 +100,7 @@ def stretch_forces(bending: float, beam: Sequence[BeamSegment], elements: int) -
     return forces
 
 
-def deflections(bending: float, beam: Sequence[BeamSegment], elements: int) -> tuple[Array, Array]:
+def deflections(bending: float, beam: Sequence[BeamSegment], elements: int) -> tuple[Floats, Floats]:
     """Deflections [m] and slopes at the nodes of a beam with free ends under 1 N/m, each (len(beam) * elements + 1,).
 
     Raises:
@@ -143,7 +140,7 @@ def require_beam(bending: float, beam: Sequence[BeamSegment]) -> None:
         require_positive(stretch.foundation, "foundation of a stretch", "N/m2", "beam")
 
 
-def _bending_matrix(h: float) -> Array:
+def _bending_matrix(h: float) -> Floats:
     return np.array(
         [
             [12, 6 * h, -12, 6 * h],
@@ -154,7 +151,7 @@ def _bending_matrix(h: float) -> Array:
     ) / h**3  # fmt: skip
 
 
-def _foundation_matrix(h: float) -> Array:
+def _foundation_matrix(h: float) -> Floats:
     return (
         np.array(
             [
@@ -289,11 +286,11 @@ def exact_forces(bending: float, beam: Sequence[BeamSegment]) -> list[float]:
     return forces
 
 
-def _modes(foundation: float, length: float) -> Array:
+def _modes(foundation: float, length: float) -> Floats:
     return _series(foundation, length) if foundation * length**4 < SHORT else _waves(foundation, length)
 
 
-def _waves(foundation: float, length: float) -> Array:
+def _waves(foundation: float, length: float) -> Floats:
     """1/κ and two waves from either end, with their derivatives at both ends.
 
     The first wave has no moment at its end, the second no shear. On a limp stretch moment and shear differ so much in
@@ -310,7 +307,7 @@ def _waves(foundation: float, length: float) -> Array:
     return modes
 
 
-def _series(foundation: float, length: float) -> Array:
+def _series(foundation: float, length: float) -> Floats:
     """Sums of (-κ)^n x^(4n+j) / (4n+j)! for j = 0 to 4, with their derivatives at both ends.
 
     The derivative of each sum is the sum before it; that of the first sum is -κ times the fourth.

@@ -18,8 +18,9 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, Literal, Protocol
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.models import springs
 from palpate.instrument.models.finite_elements.poles import Curve
@@ -28,13 +29,11 @@ from palpate.instrument.models.response import AUTO, response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import check_tolerance
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load, through
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load, through
 
 if TYPE_CHECKING:
     from palpate.instrument.models.price_list import ModelChoice
 
-Array = NDArray[np.float64]
 
 # Range of moduli over the ring's in which a curve is sampled. No model's ratio changes any more beyond it.
 SOFTEST, HARDEST = 1e-3, 1e7
@@ -57,9 +56,9 @@ class ModulusFunction(Protocol):
         x: ascending nodes from end to end, so close that the function is nearly straight between neighbours.
     """
 
-    x: Array
+    x: Floats
 
-    def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:
+    def __call__(self, x: float | Floats, nu: Literal[0, 1] = 0) -> Floats:
         """The function, or its derivative for `nu=1`."""
 
 
@@ -71,7 +70,7 @@ class PoleLine:
         low, high = math.log(lowest), math.log(highest)
         self.x = np.linspace(low, high, math.ceil(NODES_PER_DECADE * (high - low) / math.log(10)) + 1)
 
-    def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:
+    def __call__(self, x: float | Floats, nu: Literal[0, 1] = 0) -> Floats:
         at = np.asarray(x, dtype=np.float64)
         moduli = np.exp(at.ravel())
         found = moduli * self._poles.slopes(moduli)[:, 0] if nu else self._poles.force_ratios(moduli)[:, 0]
@@ -91,7 +90,7 @@ class RatioCurve:
 
     model: str
     line: ModulusFunction
-    turns: Array
+    turns: Floats
     error: float
 
     @property
@@ -106,7 +105,7 @@ class RatioCurve:
         return float(values.min()), float(values.max())
 
     @cached_property
-    def stretches(self) -> list[tuple[Array, Array]]:
+    def stretches(self) -> list[tuple[Floats, Floats]]:
         """Parts between turns: logarithms of moduli, and the ratios there, which rise, each of shape (nodes,)."""
         found = []
         for start, end in pairwise(self.turns):
@@ -116,7 +115,7 @@ class RatioCurve:
             found.append((nodes, ratios) if ratios[0] <= ratios[-1] else (nodes[::-1], ratios[::-1]))
         return found
 
-    def force_ratio(self, moduli: ArrayLike) -> Array:
+    def force_ratio(self, moduli: ArrayLike) -> Floats:
         """Tooth force over total force, of the shape of `moduli` [Pa].
 
         Raises:
@@ -130,7 +129,7 @@ class RatioCurve:
                 f"modulus {given[bad].flat[0]:g} Pa is outside {low:g} to {high:g} Pa of the curve of model"
                 f" {self.model!r}; give one inside"
             )
-        value: Array = self.line(np.clip(np.log(given), self.turns[0], self.turns[-1]))
+        value: Floats = self.line(np.clip(np.log(given), self.turns[0], self.turns[-1]))
         return value
 
 
@@ -194,11 +193,11 @@ def chosen(design: Design, load: Load, tolerance: float | None = None) -> ModelC
 
 
 def _exact(
-    design: Design, load: Load, model: str, tolerance: float | None, moduli: Array
+    design: Design, load: Load, model: str, tolerance: float | None, moduli: Floats
 ) -> tuple[Curve, float] | None:
     """Poles of a finite-element model, and a bound on their error at moduli [Pa]; None: the model is in closed form."""
     if model == "surface" and tolerance is None:
-        from palpate.instrument.models.stored import surface
+        from palpate.instrument.models import surface
 
         found = surface.find(design, load)
         return found.poles, float(found.estimates(moduli)[0].max())
@@ -289,7 +288,7 @@ def pole_curve(poles: Curve, lowest: float, highest: float, model: str, error: f
     return _curve(model, line, low, error)
 
 
-def _curve(model: str, line: ModulusFunction, turns: Array, error: float) -> RatioCurve:
+def _curve(model: str, line: ModulusFunction, turns: Floats, error: float) -> RatioCurve:
     ends = line.x[0], line.x[-1]
     inside = np.unique(np.asarray(turns)[(turns > ends[0]) & (turns < ends[1])])
     return RatioCurve(model, line, np.array([ends[0], *inside, ends[1]]), error)
@@ -304,8 +303,8 @@ class CorrectedLine:
     def __init__(self, line: ModulusFunction, factor: float) -> None:
         self.x, self._line, self._factor = line.x, line, factor
 
-    def __call__(self, x: float | Array, nu: Literal[0, 1] = 0) -> Array:
-        found: Array = self._factor * self._line(x, nu)
+    def __call__(self, x: float | Floats, nu: Literal[0, 1] = 0) -> Floats:
+        found: Floats = self._factor * self._line(x, nu)
         return found
 
 

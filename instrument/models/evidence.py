@@ -16,7 +16,7 @@ from dataclasses import dataclass
 from enum import Enum
 from types import MappingProxyType
 
-from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import get_parameter_set
 
 
 class Evidence(Enum):

@@ -17,14 +17,12 @@ import math
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.table import Response
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.film_material import FilmMaterial
-
-Array = NDArray[np.float64]
+from palpate.instrument.sensor.material import FilmMaterial
 
 EDGES = ("free", "clamped")
 CIRCUITS = ("open", "short")
@@ -57,8 +55,8 @@ class CoupledSystem:
         mechanical: number of unknowns that are not potentials.
     """
 
-    matrix: Array
-    right: Array
+    matrix: Floats
+    right: Floats
     mechanical: int
 
 
@@ -197,13 +195,13 @@ def coupled_system(
     return CoupledSystem(matrix[np.ix_(keep, keep)], right[keep], mechanical)
 
 
-def symmetric_scale(matrix: Array) -> Array:
+def symmetric_scale(matrix: Floats) -> Floats:
     """Factors s that give diag(s) K diag(s) a diagonal of ±1."""
-    scale: Array = 1 / np.sqrt(np.abs(np.diag(matrix)))
+    scale: Floats = 1 / np.sqrt(np.abs(np.diag(matrix)))
     return scale
 
 
-def solve_condensed(system: CoupledSystem) -> Array:
+def solve_condensed(system: CoupledSystem) -> Floats:
     """Solve the potentials out first, each block scaled: Kuu + Kuφ Kφφ⁻¹ Kφu is positive definite."""
     m = system.mechanical
     scale = symmetric_scale(system.matrix)
@@ -214,5 +212,5 @@ def solve_condensed(system: CoupledSystem) -> Array:
     moved = np.linalg.solve(
         matrix[:m, :m] - matrix[:m, m:] @ carried[:, :-1], right[:m] - matrix[:m, m:] @ carried[:, -1]
     )
-    answer: Array = scale * np.concatenate([moved, carried[:, -1] - carried[:, :-1] @ moved])
+    answer: Floats = scale * np.concatenate([moved, carried[:, -1] - carried[:, :-1] @ moved])
     return answer

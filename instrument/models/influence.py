@@ -17,8 +17,8 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
@@ -28,7 +28,6 @@ from palpate.instrument.sensor.sample import SAMPLES, Sample
 if TYPE_CHECKING:
     from scipy.interpolate import CubicSpline
 
-Floats = npt.NDArray[np.float64]
 DESIGN = "common_base"
 STORED = Path(__file__).with_suffix(".csv")
 ERROR = 1.3e-2

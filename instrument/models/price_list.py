@@ -30,7 +30,7 @@ from palpate.instrument.models.table import MODELS, Response
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.load import Load, through
+from palpate.instrument.sensor.sample import Load, through
 
 ROUNDED = 1.001  # ratio of two errors that differ by rounding alone, as those of one curve that was found twice
 STORED = Path(__file__).with_name("prices.json")
@@ -334,7 +334,7 @@ def choose(design: Design, loads: Sequence[Load], tolerance: float) -> ModelChoi
 
 def _shipped_meet(design: Design, loads: Sequence[Load], tolerance: float) -> bool:
     """Whether the curves of model "surface" are of this sensor, and meet the tolerance by their own estimate."""
-    from palpate.instrument.models.stored import surface
+    from palpate.instrument.models import surface
 
     try:
         found = [surface.find(design, load).relative(np.array([load.sensed.modulus])) for load in loads]

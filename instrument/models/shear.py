@@ -21,8 +21,7 @@ from palpate.instrument.models.solid.mesh import TOOTH, PlanElements
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.models.table import place_among_films
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.sample import Load, Sample
 
 Vector = NDArray[np.float64]
 

@@ -24,8 +24,7 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.load import require_positive
-from palpate.instrument.sensor.sample import SAMPLES, Sample
+from palpate.instrument.sensor.sample import SAMPLES, Sample, require_positive
 
 Moduli = TypeVar("Moduli", float, NDArray[np.float64])
 

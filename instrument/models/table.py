@@ -17,8 +17,7 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models import beam, experiment, springs
 from palpate.instrument.models.parameters import round_parameters, solid_parameters
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.sample import Load, Sample
 
 if TYPE_CHECKING:
     from palpate.instrument.models.axisymmetric.model import Solution
@@ -140,8 +139,8 @@ def _solid(design: Design, loads: Sequence[Load], tolerance: float | None) -> li
 
 
 def _surface(design: Design, loads: Sequence[Load], tolerance: float | None) -> list[Response]:
+    from palpate.instrument.models import surface
     from palpate.instrument.models.axisymmetric.model import Solution
-    from palpate.instrument.models.stored import surface
 
     found = surface.find(design, loads[0]).solve_at(_moduli(loads))
     return [

@@ -20,14 +20,13 @@ from typing import Any, Literal, Protocol
 from palpate.instrument import shipped
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.evidence import ratio_by
-from palpate.instrument.models.parameter_sets import PARAMETER_SETS, get_parameter_set
+from palpate.instrument.models.parameters import PARAMETER_SETS, get_parameter_set
 from palpate.instrument.models.price_list import fingerprint
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load
 
 STORED = Path(__file__).with_name("validation.json")
 SIGN = "model less measured mean, in percent of the measured mean"

@@ -12,9 +12,8 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, fields, replace
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.sensor.film_material import FilmMaterial
-from palpate.instrument.sensor.load import require_nested
-from palpate.instrument.sensor.material import Material
+from palpate.instrument.sensor.material import FilmMaterial, Material
+from palpate.instrument.sensor.sample import require_nested
 
 # --- Scatter of films' gains as a whole: its covariance, and the triangle by which it is drawn ---------
 #

@@ -1,7 +1,7 @@
 """Choice of the dwell that gives a force ratio to a tolerance, the half-width of its 95 % interval.
 
     floor = (Floor("gain scatter", design.ratio_scatter, 7),)
-    dwell_of(0.12, ratio_noise(fit, rigid, total), fit.frequency, floor).dwell
+    dwell_of(0.12, noise=2e-3, frequency=10.0, floor=floor).dwell
 
 The part of the uncertainty that noise causes falls with the dwell T: u² = S (1/A₁² + 1/A₂² − 2 r/(A₁A₂))/T. S is
 measured at the point itself. The rest, called the floor, does not fall with the dwell.
@@ -13,9 +13,8 @@ import math
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
-from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget, Component
 
 STEP = 0.1
@@ -45,21 +44,6 @@ class RequiredDwell:
     u: float
 
 
-def ratio_noise(fit: SineFit, numerator: int, denominator: int) -> float:
-    """Relative standard uncertainty that noise leaves in the ratio of two channels' amplitudes after one second [√s].
-
-    Raises:
-        EstimateError: an amplitude is zero.
-    """
-    if not (fit.amplitude[numerator] > 0 and fit.amplitude[denominator] > 0):
-        raise EstimateError("the amplitude of a film is zero, so there is no ratio; raise the drive or check the film")
-    density = fit.noise * math.sqrt(2 / fit.rate) / fit.amplitude
-    one, other = float(density[numerator]), float(density[denominator])
-    in_phase = math.cos(float(fit.phase[numerator] - fit.phase[denominator]))
-    common = float(fit.correlation[numerator, denominator]) * in_phase
-    return math.sqrt(max(one**2 + other**2 - 2 * common * one * other, 0.0))
-
-
 def floor_u(floor: Sequence[Floor]) -> float:
     """Relative standard uncertainty below which no dwell comes."""
     return math.hypot(*(part.u for part in floor))
@@ -78,7 +62,7 @@ def dwell_of(
 
     Args:
         tolerance: half-width of the ratio's 95 % interval, relative.
-        noise: relative standard uncertainty by noise after one second, as `ratio_noise` gives it [√s]. It is known to
+        noise: relative standard uncertainty by noise after one second [√s]. It is known to
             1/√(2 degrees of freedom) of itself, the dwell to twice that.
         frequency: of the drive [Hz].
         floor: parts of the uncertainty that do not fall with the dwell.

@@ -9,10 +9,10 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals.estimate import SineFit
 
-Floats = npt.NDArray[np.float64]
 TACTILE = 20.0
 """Frequency [Hz] below which touch takes place (thesis 5.1)."""
 DETERMINED = 3.0

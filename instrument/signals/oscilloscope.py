@@ -1,11 +1,4 @@
-"""What an oscilloscope reads of a recorded waveform: peak to peak, with the steps of its screen, over averaged sweeps.
-
-    Oscilloscope(averages=8).read(rate, volts, frequency).peak_to_peak
-
-The thesis reads load and films so (D in Figure 5.1); it names neither the instrument nor the number of averages, and
-prints 0.01 mV of 58 mV, which is finer than a step of 8 bits. The reading is no estimate of the sine: noise, hum, drift
-and harmonics are in it (`estimate.fit_sine` leaves them out).
-"""
+"""What an oscilloscope shows of a recorded waveform: its reading from peak to peak, and how much it is distorted."""
 
 from __future__ import annotations
 
@@ -15,9 +8,20 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.signals.estimate import SineFit
+from palpate.instrument.signals.noise import MAINS
 
-Floats = npt.NDArray[np.float64]
+# --- readings of an oscilloscope -----------------------------------------------------------------------
+
+#     Oscilloscope(averages=8).read(rate, volts, frequency).peak_to_peak
+#
+# The thesis reads load and films so (D in Figure 5.1); it names neither the instrument nor the number of averages, and
+# prints 0.01 mV of 58 mV, which is finer than a step of 8 bits. The reading is no estimate of the sine: noise, hum,
+# drift and harmonics are in it (`estimate.fit_sine` leaves them out).
+
+
 SCALES = (1.0, 2.0, 5.0, 10.0)  # units a division, times a power of ten
 LARGEST_SLIP = 0.5  # of a sample, from the first cycle of a record to its last
 FEWEST_SAMPLES = 16  # of a cycle: the parabola through three of them then misses a crest by less than 0.1 % [M]
@@ -109,3 +113,62 @@ def _crest(trace: Floats) -> float:
     before, top, after = (float(trace[(at + shift) % trace.size]) for shift in (-1, 0, 1))
     bend = 2 * top - before - after
     return top + ((after - before) ** 2 / (8 * bend) if bend > 0 else 0.0)
+
+
+# --- harmonics -----------------------------------------------------------------------------------------
+
+# Total harmonic distortion: what a fitted sine leaves at multiples of the drive. The cycles of a record are laid over
+# each other, so that only what repeats with the drive stays; what they scatter tells the uncertainty. Orders on which
+# hum lies are left out: it repeats with the drive, too.
+
+HIGHEST = 7  # order of the highest harmonic that counts; a bend gives the second, a limit the third and fifth [A]
+FEWEST = 3  # cycles, below which their scatter tells nothing
+
+
+@dataclass(frozen=True, slots=True)
+class Distortion:
+    """Total harmonic distortion: root of the sum of squares of the harmonics' amplitudes, over that of the drive.
+
+    Attributes:
+        value: with the bias by noise subtracted.
+        u: standard uncertainty by what cycles scatter.
+        by_noise: probability that noise alone gives so much.
+    """
+
+    value: float
+    u: float
+    by_noise: float
+
+
+def distortion(fit: SineFit, channel: int, signal: npt.ArrayLike) -> Distortion:
+    """Distortion of the waveform (n,) of a channel that was fitted.
+
+    Raises:
+        EstimateError: as in `sweeps`; there are fewer than three cycles, hum lies on every harmonic, or no drive.
+    """
+    volts = np.asarray(signal, dtype=np.float64)
+    cycles = sweeps(fit.rate, volts - fit.trend[channel] * np.arange(volts.size) / fit.rate, fit.frequency)
+    number, length = cycles.shape
+    line = fit.frequency / number  # distance of two lines of the spectrum
+    orders = [
+        order
+        for order in range(2, HIGHEST + 1)
+        if all(abs(math.remainder(order * fit.frequency, mains)) >= line for mains in (*MAINS, *fit.mains))
+    ]
+    if number < FEWEST or not orders or not fit.amplitude[channel] > 0:
+        raise EstimateError(
+            f"{number} cycles of {fit.frequency:g} Hz and {fit.amplitude[channel]:.3g} V, with harmonics {orders} off"
+            f" the mains, tell no distortion; it needs {FEWEST} cycles, a harmonic and a drive"
+        )
+    from scipy.special import fdtrc
+
+    phasors = 2 / length * np.fft.rfft(cycles, axis=1)[:, orders]
+    mean = phasors.mean(axis=0)
+    # Variance of the real and of the imaginary part of a mean phasor. Each adds to its square.
+    variance = float((np.abs(phasors - mean) ** 2).mean()) / (2 * (number - 1))
+    parts, total = 2 * len(orders), float((np.abs(mean) ** 2).sum())
+    square = max(total - parts * variance, 0.0)
+    square_u = math.sqrt(4 * variance * square + 2 * parts * variance**2)
+    value, drive = math.sqrt(square), float(fit.amplitude[channel])
+    by_noise = float(fdtrc(parts, parts * (number - 1), total / parts / max(variance, np.finfo(float).tiny)))
+    return Distortion(value / drive, (math.sqrt(square + square_u) - value) / drive, by_noise)

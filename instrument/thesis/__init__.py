@@ -20,11 +20,9 @@ from types import MappingProxyType
 from typing import Literal, cast, get_args
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import UnknownName
-
-Array = NDArray[np.float64]
 
 # What palpate has for a table or figure: the table cell by cell, a drawing from data, a part of palpate that is the
 # thing which a schematic, photograph or definition shows, or nothing.
@@ -69,11 +67,11 @@ class ThesisTable:
     columns: Mapping[str, tuple[TableCell, ...]]
     doubt: str = ""
 
-    def keys(self) -> Array:
+    def keys(self) -> Floats:
         """Key of each row as a number."""
         return np.array([float(row) for row in self.rows])
 
-    def values(self, column: str) -> Array:
+    def values(self, column: str) -> Floats:
         """Best values of a column, one for each row."""
         return np.array([cell.value for cell in self.columns[column]])
 

@@ -8,10 +8,9 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import counted
-
-Floats = npt.NDArray[np.float64]
 
 SIGNIFICANCE = 0.01
 """Significance of the tests.

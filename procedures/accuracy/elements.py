@@ -11,8 +11,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import Parameters, RoundParameters
+from palpate.instrument.models.parameters import PHYSICAL, Parameters, RoundParameters
 from palpate.instrument.models.price_list import Price, ReferenceRatios
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design

@@ -17,9 +17,9 @@ import numpy as np
 
 from palpate.instrument.allocation.lines import budget
 from palpate.instrument.allocation.table import ROUNDING, OutOfReach
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGES
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGES
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE, SCATTER
+from palpate.instrument.findings.film_forces import NOISE, SCATTER
 from palpate.instrument.models.price_list import stored
 from palpate.instrument.quantity import LARGEST_TOLERANCE, counted, parse, show
 from palpate.instrument.sensor.design import Design

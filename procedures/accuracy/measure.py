@@ -14,13 +14,11 @@ from pathlib import Path
 import numpy as np
 
 from palpate.instrument.errors import ConfigError, RangeError
-from palpate.instrument.models import beam
-from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
-from palpate.instrument.models.parameters import Parameters
+from palpate.instrument.models import beam, surface
+from palpate.instrument.models.parameters import PHYSICAL, Parameters, get_parameter_set
 from palpate.instrument.models.price_list import Machine, Price, PriceList, ReferenceRatios, stored
 from palpate.instrument.models.response import response
-from palpate.instrument.models.stored import surface
-from palpate.instrument.models.stored.surface import Surface
+from palpate.instrument.models.surface import Surface
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES

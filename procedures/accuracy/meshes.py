@@ -19,8 +19,8 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameter_sets import PHYSICAL
 from palpate.instrument.models.parameters import (
+    PHYSICAL,
     RoundParameters,
     SolidParameters,
     round_parameters,
@@ -32,8 +32,7 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.procedures.console.terminal import Progress
 
 PROCESSES = 2

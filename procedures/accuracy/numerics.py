@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGES
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, RANGES
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.price_list import DATA, PriceList
 from palpate.instrument.quantity import parse, show

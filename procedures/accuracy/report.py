@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from palpate.instrument.findings.mean_ratio import SCATTER
+from palpate.instrument.findings.film_forces import SCATTER
 from palpate.instrument.quantity import as_asked, counted, plus_minus, show
 from palpate.procedures.accuracy.front import INTEGRATION, MINUTE, QUIET, CauseCost, FrontPoint, ModulusFront
 from palpate.procedures.measurements.object_modulus.planning import MOUNTED, mounting_lines, worth_lines

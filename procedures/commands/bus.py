@@ -23,7 +23,7 @@ from palpate.procedures.commands.options import (
 )
 
 if TYPE_CHECKING:
-    from palpate.drivers.scan.found import FoundDevice, Search
+    from palpate.drivers.scan import FoundDevice, Search
 
 
 # --- The command palpate bus lss -----------------------------------------------------------------------
@@ -80,7 +80,7 @@ def lss(
     shows them. You are asked before anything is written. A node id that another device answers at is refused. The new
     node id holds after a reset, the new bit rate when the device is switched on again. Nothing is kept without --save.
     """
-    from palpate.drivers.links.lss import LssAddress
+    from palpate.drivers.links.can import LssAddress
     from palpate.procedures.lab.operator import at_terminal, confirm
     from palpate.procedures.lab.scan import Change
 
@@ -202,7 +202,7 @@ def _tell(output: Output, search: Search) -> None:
 
 
 def _where(each: FoundDevice) -> str:
-    from palpate.drivers.scan.modbus_scan import setting_of
+    from palpate.drivers.scan import setting_of
     from palpate.instrument.bench.links import SerialLine, TcpLink
 
     if isinstance(each.link, TcpLink):

@@ -27,7 +27,7 @@ from palpate.procedures.console.terminal import say
 from palpate.procedures.lab.store import store
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
 
 
 # --- The command palpate model shear -------------------------------------------------------------------
@@ -125,9 +125,9 @@ def validation(design: str | None, store: bool, as_json: bool, quiet: bool) -> N
 def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> None:
     """Show the curves from which model "surface" answers, with their bounds. Finding all takes four minutes."""
     from palpate.instrument.errors import UnknownName
+    from palpate.instrument.models import surface
     from palpate.instrument.models.curve import ratio_curve
-    from palpate.instrument.models.parameter_sets import get_parameter_set
-    from palpate.instrument.models.stored import surface
+    from palpate.instrument.models.parameters import get_parameter_set
     from palpate.instrument.notice import price
     from palpate.instrument.sensor.designs import get_design
     from palpate.procedures.accuracy.measure import DESIGNS, expected_curve_seconds, sensor_of, sets_of
@@ -208,7 +208,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
 
         if takes_long := name == "solid" and len(get_design(design).teeth) > MANY_TEETH:
             own_kernels()
-        from palpate.instrument.models.ratio import RatioQuestion
+        from palpate.instrument.models.response import RatioQuestion
 
         values = {setting: given.pop(setting) for setting in _SETTINGS}
         settings: dict[str, float | str] = {name: value for name, value in values.items() if isinstance(value, float)}
@@ -293,7 +293,7 @@ def ratio(
     point.
     The identified and capped parameters are fitted to the thesis' tables: effective values, not physical ones.
     """
-    from palpate.instrument.models.ratio import ask
+    from palpate.instrument.models.response import ask
     from palpate.instrument.models.validation import validate
 
     output = Output(as_json, quiet)

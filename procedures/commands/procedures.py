@@ -24,8 +24,7 @@ from palpate.procedures.showing.text import print_all, where
 from palpate.procedures.steps.pause import NOBODY
 
 if TYPE_CHECKING:
-    from palpate.instrument.uncertainty.budget import Budget
-    from palpate.instrument.uncertainty.propagation import Propagated
+    from palpate.instrument.uncertainty.budget import Budget, Propagated
     from palpate.procedures.engine.plan import Plan
     from palpate.procedures.engine.verdict import Judgement, LimitsFile
     from palpate.procedures.records.run import Run

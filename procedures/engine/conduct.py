@@ -21,7 +21,7 @@ from palpate.procedures.steps.beside import Surroundings
 from palpate.procedures.steps.pause import NOBODY, Pause, pause_here
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
     from palpate.instrument.sensor.design import Design
 
 
@@ -62,7 +62,7 @@ def asked(procedure: Procedure[S, P, R], design: Design) -> RatioQuestion | None
     found = procedure.model_question(design)
     if found is None:
         return None
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
 
     if not isinstance(found, RatioQuestion):
         raise _wrong(procedure, f"model_question returned {quoted(found)}", "it must return a Question or None")

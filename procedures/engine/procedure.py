@@ -52,9 +52,9 @@ from palpate.procedures.steps.flags import Judged, check_some_valid
 if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
     from palpate.instrument.sensor.design import Design
-    from palpate.instrument.uncertainty.propagation import Propagated
+    from palpate.instrument.uncertainty.budget import Propagated
 
 
 # --- What a procedure finds: its points, its budgets, and its other values for JSON --------------------

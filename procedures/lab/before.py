@@ -18,7 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 import tomli_w
 
-from palpate.drivers.scan.found import FoundDevice
+from palpate.drivers.scan import FoundDevice
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.bench.links import CanBus, Link, SerialLine, TcpLink

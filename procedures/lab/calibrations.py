@@ -13,11 +13,9 @@ from palpate.drivers.roles import LoadIndicator, SensorNode
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.calibration import ANY, Calibration, CalibrationOwner
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.films import FilmCalibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.films import FilmCalibration, MountingScatterCalibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_hashed
 from palpate.instrument.durable import make_folder
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
@@ -31,7 +29,7 @@ from palpate.procedures.steps.checks import check_loads
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
     from palpate.instrument.findings.object_modulus import ByReferences
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
     from palpate.procedures.lab.lab import Target
 
 

@@ -9,16 +9,16 @@ from pathlib import Path
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.bench.kinds import KINDS, Role
 from palpate.instrument.bench.operator import Operator
-from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.contracts.own import CHANNELS
 from palpate.instrument.errors import UsageError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.about import packages_of
 from palpate.procedures.lab.lab import Dwells, Target, with_kinds
 from palpate.procedures.lab.logged import LoggedRun
 from palpate.procedures.lab.operator import ASSUME, Mounting, check_somebody
-from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene, with_model
+from palpate.simulators.planning.weights import reduced
 from palpate.simulators.scenes.scene import Scene
 
 DEFAULT_SCENE = "thesis_single"

@@ -10,11 +10,10 @@ from typing import TYPE_CHECKING, Any
 from palpate.drivers.roles import SampleChanger, SensorNode
 from palpate.instrument.bench.kinds import DeviceKind, Role, frequency_step
 from palpate.instrument.calibration.calibration import UNKNOWN, CalibrationOwner
-from palpate.instrument.calibration.films import FilmCalibration
+from palpate.instrument.calibration.films import FilmCalibration, MountingScatterCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
-from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.contracts.own import CHANNELS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 

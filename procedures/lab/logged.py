@@ -8,10 +8,9 @@ from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Self, get_args
 
-from palpate.instrument.calibration.films import FilmCalibration
+from palpate.instrument.calibration.films import FilmCalibration, MountingScatterCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import check, parse
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.operator import Mounting

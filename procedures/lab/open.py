@@ -43,7 +43,7 @@ if TYPE_CHECKING:
     from palpate.drivers.clock import BenchClock
     from palpate.drivers.logs.bus_log import BusLog
     from palpate.instrument.bench.description import BenchDescription
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
     from palpate.instrument.sensor.design import Design
     from palpate.simulators.bench import SimulatedBench
     from palpate.simulators.clock import VirtualClock

@@ -10,11 +10,8 @@ from pathlib import Path
 from typing import Any, Self
 
 from palpate.drivers.bench_lock import BenchLock
-from palpate.drivers.links.can import CanLink
-from palpate.drivers.links.lss import BIT_TIMING, LssAddress, selected
-from palpate.drivers.scan.can_scan import check_allowed, scan_can
-from palpate.drivers.scan.found import Search
-from palpate.drivers.scan.modbus_scan import LAST, scan_line, scan_tcp, settings
+from palpate.drivers.links.can import BIT_TIMING, CanLink, LssAddress, selected
+from palpate.drivers.scan import LAST, Search, check_allowed, scan_can, scan_line, scan_tcp, settings
 from palpate.instrument.bench.kinds import DeviceKind, all_kinds, check_identities, kind_in_file
 from palpate.instrument.bench.links import CanBus, Link, SerialLine, TcpLink
 from palpate.instrument.config import check

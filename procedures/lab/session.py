@@ -21,8 +21,7 @@ from palpate.instrument.bench.description import recorded_bench
 from palpate.instrument.bench.kinds import Role
 from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.files import read_calibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.contracts import contracts_digest
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.instrument.models.evidence import of_experiment, ratio_by
@@ -45,7 +44,7 @@ from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
-    from palpate.instrument.models.ratio import RatioQuestion
+    from palpate.instrument.models.response import RatioQuestion
 
 
 class Promise(TypedDict):

@@ -29,7 +29,7 @@ from palpate.instrument.calibration.films import (
 )
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError
-from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM
+from palpate.instrument.findings.film_forces import NOISE, PRIOR_FREEDOM
 from palpate.instrument.quantity import check_tolerance, counted, plus_minus, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit

@@ -14,8 +14,18 @@ from palpate.instrument.allocation.stopping import RunRatio, answer, enough
 from palpate.instrument.allocation.table import Allocation, RunOption, dwells
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
-from palpate.instrument.findings.film_forces import ToothPoint, calibration_u, film_forces, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER, mean_ratio
+from palpate.instrument.findings.film_forces import (
+    CALIBRATION,
+    NOISE,
+    PICKUP,
+    PRIOR_FREEDOM,
+    SCATTER,
+    ToothPoint,
+    calibration_u,
+    film_forces,
+    mean_ratio,
+    pickup_u,
+)
 from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import THESIS_LOADS, Design

@@ -15,18 +15,20 @@ from palpate.drivers.roles import LoadIndicator, Positioner
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import DeviceError, RangeError, SafetyError, UnreachableError
 from palpate.instrument.findings.compression import (
+    LEAST_POINTS,
     LOADING,
     POSITION_STEP,
+    SURE,
     UNLOADING,
     Compression,
     CompressionPoint,
+    DisplaySeries,
     compress,
 )
-from palpate.instrument.findings.load_line import LEAST_POINTS, SURE, DisplaySeries
 from palpate.instrument.quantity import show, show_with_u
 from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.thesis import COMPRESSION_TABLES, ThesisTable, read_table
-from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.instrument.uncertainty.budget import Propagated
 from palpate.procedures.engine.plan import Plan, Step
 from palpate.procedures.engine.procedure import Expected, Measurement, Procedure, Report, predicted
 from palpate.procedures.engine.settings import Setting

@@ -16,10 +16,11 @@ import numpy as np
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import answer, enough, first_sets
 from palpate.instrument.allocation.table import FIRST, ROUNDING, Allocation, OutOfReach, RunOption, Table, dwells
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE as BY_NOISE
-from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM, SCATTER
-from palpate.instrument.findings.position import Floats, Located, deviations, locate
+from palpate.instrument.findings.film_forces import NOISE as BY_NOISE
+from palpate.instrument.findings.film_forces import PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.position import Located, deviations, locate
 from palpate.instrument.models.influence import ERROR, check_place, shares_along, tooth_shares
 from palpate.instrument.quantity import as_typed, counted, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design

@@ -12,17 +12,14 @@ from dataclasses import dataclass
 from typing import TypeVar
 
 from palpate.instrument.allocation.table import MOST_SETS, Allocation, OutOfReach, RunOption, Table
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.film_forces import calibration_u, pickup_u
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.film_forces import calibration_u, mean_ratio, pickup_u
 from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.quantity import as_typed, rounded_up
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.uncertainty.budget import Budget
-from palpate.instrument.uncertainty.rounding import mean_u
+from palpate.instrument.uncertainty.budget import Budget, mean_u
 from palpate.procedures.engine.plan import expected_noise
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.steps.servo import READINGS

@@ -18,8 +18,13 @@ import numpy as np
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.model_calibration import REACH, ModelCalibration
-from palpate.instrument.calibration.model_fit import MeasuredReference, expected_u, fit_model
+from palpate.instrument.calibration.model_calibration import (
+    REACH,
+    MeasuredReference,
+    ModelCalibration,
+    expected_u,
+    fit_model,
+)
 from palpate.instrument.config import check
 from palpate.instrument.errors import (
     ConfigError,
@@ -30,11 +35,18 @@ from palpate.instrument.errors import (
     UsageError,
     quoted,
 )
-from palpate.instrument.findings.film_forces import calibration_u, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, SCATTER, mean_ratio
+from palpate.instrument.findings.film_forces import (
+    CALIBRATION,
+    NOISE,
+    PICKUP,
+    SCATTER,
+    calibration_u,
+    mean_ratio,
+    pickup_u,
+)
 from palpate.instrument.findings.object_modulus import MOST_SENSITIVE
 from palpate.instrument.models.curve import RatioCurve, ratio_curve
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import counted, parse, show
 from palpate.instrument.sensor.design import Design

@@ -23,18 +23,16 @@ from palpate.instrument.allocation.order import (
 )
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PRIOR_FREEDOM, SCATTER, apart, mean_ratio
+from palpate.instrument.findings.film_forces import CALIBRATION, NOISE, PRIOR_FREEDOM, SCATTER, apart, mean_ratio
 from palpate.instrument.findings.object_modulus import COVERAGE, ByReferences, answering, estimate, validation_of
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.price_list import stored
-from palpate.instrument.models.ratio import RatioQuestion
-from palpate.instrument.models.response import response
+from palpate.instrument.models.response import RatioQuestion, response
 from palpate.instrument.models.springs import force_ratio
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import counted, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample, parse_samples
+from palpate.instrument.sensor.sample import SAMPLES, Load, Sample, get_sample, parse_samples
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import (

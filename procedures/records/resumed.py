@@ -23,8 +23,7 @@ import numpy as np
 from pydantic import BaseModel, TypeAdapter, ValidationError
 
 from palpate.instrument.arithmetic import ALIKE, alike, same_arithmetic
-from palpate.instrument.bench.comparison import compared
-from palpate.instrument.bench.description import BenchDescription, recorded_bench
+from palpate.instrument.bench.description import BenchDescription, compared, recorded_bench
 from palpate.instrument.errors import ConfigError, RecordError, UsageError, quoted
 from palpate.instrument.refusals import wrong
 from palpate.procedures.records.chain import RECORD, ChainFile, Content

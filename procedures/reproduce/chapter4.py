@@ -12,8 +12,7 @@ from numpy.typing import NDArray
 
 from palpate.instrument.models import beam
 from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence
-from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import SolidParameters, get_parameter_set, solid_parameters
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design

@@ -11,17 +11,16 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import LOADING
-from palpate.instrument.findings.mean_ratio import apart
+from palpate.instrument.findings.film_forces import apart
 from palpate.instrument.models.evidence import GIVEN, Evidence, EvidencePart, of_experiment, ratio_by
 from palpate.instrument.models.validation import SIGN, Validation
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.instrument.signals.harmonics import Distortion, distortion
-from palpate.instrument.signals.oscilloscope import Oscilloscope, ScopeReading
+from palpate.instrument.signals.oscilloscope import Distortion, Oscilloscope, ScopeReading, distortion
 from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES, TableCell, ThesisTable, read_table
 from palpate.procedures.measurements.load_cell.report import LoadCellResult
 from palpate.procedures.measurements.loads import LoadPoint, SweepResult

@@ -22,11 +22,12 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.film import film_response
-from palpate.instrument.models.parameter_sets import ParameterSet, get_parameter_set
 from palpate.instrument.models.parameters import (
     CODE_VERSION,
+    ParameterSet,
     RoundParameters,
     SolidParameters,
+    get_parameter_set,
     round_parameters,
     solid_parameters,
 )

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.calibration.bridge import Bridge
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import Evidence, of_experiment, of_model, ratio_by
-from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import PHYSICAL
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design

@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from palpate.instrument.models.evidence import OTHER_RING, REPEATS, Evidence, of_model, ratio_by
-from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import get_parameter_set
 from palpate.instrument.thesis import MODULUS, TABLES, TableCell, ThesisTable, read_table
 from palpate.procedures.records.run import storing
 from palpate.procedures.reproduce.curves import RING, ring_of

@@ -16,7 +16,7 @@ from xml.sax.saxutils import escape
 
 import numpy as np
 
-from palpate.instrument.bench.beside import Beside
+from palpate.instrument.bench.description import Beside
 from palpate.instrument.durable import numbered
 from palpate.instrument.errors import UsageError
 from palpate.procedures.records.chain import is_run

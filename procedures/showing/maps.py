@@ -9,8 +9,7 @@ from typing import Any
 
 from palpate.instrument.bench.kinds import all_kinds, serves
 from palpate.instrument.contracts.field import Field, Table
-from palpate.instrument.contracts.maps.data_sheet import read_sheet
-from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, fixed_otherwise, folders, own_copy
+from palpate.instrument.contracts.maps.eds import FOLDERS, disagreements, fixed_otherwise, folders, own_copy, read_sheet
 from palpate.instrument.contracts.maps.golden_frames import Proof, prove
 from palpate.instrument.contracts.maps.map_file import DeviceMap, read_map
 from palpate.instrument.quantity import counted

@@ -13,15 +13,13 @@ from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.parameters import round_parameters, solid_parameters
-from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion, ask
+from palpate.instrument.models.parameters import get_parameter_set, round_parameters, solid_parameters
+from palpate.instrument.models.response import RatioAnswer, RatioQuestion, ask
 from palpate.instrument.models.solid.ladders import has_many_teeth
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.instrument.thesis import read_table
 from palpate.procedures.showing.figure import name_all, write
 
@@ -96,19 +94,17 @@ class PlottedSection:
 
 
 def _round_section(design: Design, load: Load) -> PlottedSection:
-    from palpate.instrument.models.axisymmetric import direct
+    from palpate.instrument.models.axisymmetric import curves, model
 
     parameters = round_parameters(design, load)
-    solution = direct.solve(parameters, SECTION_REFINEMENT)
-    bodies = {
-        name: _both_sides(PlottedBody(f.radius, f.height, f.radial, f.axial)) for name, f in solution.fields.items()
-    }
+    found = curves.section(parameters, *model.resolution_of(SECTION_REFINEMENT))
+    bodies = {name: _both_sides(PlottedBody(f.radius, f.height, f.radial, f.axial)) for name, f in found.fields.items()}
     tooth, end = parameters.tooth_radius, min(parameters.sensed_radius, parameters.ring_outer_radius)
     return PlottedSection(
         across="radius",
         bodies=bodies,
-        x=solution.face.radius,
-        pressure=solution.face.pressure,
+        x=found.face.radius,
+        pressure=found.face.pressure,
         teeth=((-tooth, tooth),),
         edges=np.array([tooth, parameters.ring_inner_radius, end]),
         mean=1 / (math.pi * parameters.sensed_radius**2),

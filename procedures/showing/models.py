@@ -13,8 +13,8 @@ from palpate.procedures.showing.text import NO_VALUE, legend, new_table, number,
 from palpate.procedures.showing.validation import brief, lines
 
 if TYPE_CHECKING:
-    from palpate.instrument.models.ratio import RatioAnswer
-    from palpate.instrument.models.stored.surface import Surface
+    from palpate.instrument.models.response import RatioAnswer
+    from palpate.instrument.models.surface import Surface
     from palpate.instrument.models.validation import Validation, ValidationLine
 
 

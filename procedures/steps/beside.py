@@ -14,7 +14,7 @@ if TYPE_CHECKING:
     from _typeshed import DataclassInstance
 
     from palpate.drivers.bench import Bench
-    from palpate.instrument.bench.beside import Beside
+    from palpate.instrument.bench.description import Beside
     from palpate.procedures.records.record import Recorder
 
 P = TypeVar("P", bound="DataclassInstance")

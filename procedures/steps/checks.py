@@ -10,7 +10,7 @@ from typing import Protocol
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import MOST_QUOTED, RangeError, UnreachableError, quoted
 from palpate.instrument.quantity import Typed, as_typed, parse, parse_list, show
-from palpate.instrument.sensor.load import check_force as check_felt
+from palpate.instrument.sensor.sample import check_force as check_felt
 from palpate.instrument.signals.dwell import LONGEST, check_dwell
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE
 

@@ -18,13 +18,13 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.devices.exciter import Exciter
-from palpate.instrument.contracts.sensor_node import LONGEST_WHOLE
+from palpate.instrument.contracts.own import LONGEST_WHOLE
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.film_forces import LEAST_SIGNAL, FilmForces, film_forces
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit
-from palpate.instrument.signals.harmonics import Distortion, distortion
+from palpate.instrument.signals.oscilloscope import Distortion, distortion
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import Waveforms

@@ -15,13 +15,11 @@ import numpy.typing as npt
 
 from palpate.drivers.roles import SamplesInPieces, SensorNode
 from palpate.instrument.bench.kinds import frequency_step
-from palpate.instrument.contracts.sensor_node import CHANNELS, HEADROOM, LONGEST_WHOLE, place
+from palpate.instrument.contracts.own import CHANNELS, HEADROOM, LONGEST_WHOLE, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
-from palpate.instrument.signals.long_fit import joined
-from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine, joined, sine_columns
 from palpate.procedures.records.record import StoredDwell
 from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
 

@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, TypeVar
 
-from palpate.instrument.bench.patience import READ_ATTEMPTS
+from palpate.instrument.bench.description import READ_ATTEMPTS
 from palpate.instrument.errors import (
     BenchError,
     BenchInUse,

@@ -27,7 +27,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.errors import BenchError, PalpateError, RecordError, UsageError
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.findings.film_forces import mean_ratio
 from palpate.instrument.own_process import Ends
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records import chain

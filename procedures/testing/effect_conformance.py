@@ -12,22 +12,19 @@ import numpy as np
 import pytest
 import tomli_w
 
-from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.arrays import Floats, Times
+from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.signals.estimate import amplitudes
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.bounds.fits import SIGMAS
+from palpate.simulators.bounds import SIGMAS, bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import effect_class, in_order
-from palpate.simulators.linear.lti import Times
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from palpate.simulators.physics.effect import Effect, Floats
-from palpate.simulators.physics.in_order import rival
-from palpate.simulators.physics.stages import CanEffect, CellEffect, FilmsEffect, InputEffect, LineEffect
+from palpate.simulators.physics.effect import CanEffect, CellEffect, Effect, FilmsEffect, InputEffect, LineEffect, rival
 from palpate.simulators.planning.plan import RATE, SETTLING, Question, case_of, driven, plan
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 PERIOD_NS = round(1e9 / RATE)

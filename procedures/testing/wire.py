@@ -18,8 +18,8 @@ from palpate.drivers.devices.canopen_device import CanopenDevice
 from palpate.drivers.links.can import CanLink, FrameCallback
 from palpate.drivers.links.modbus import ModbusLink, read_identity, write_registers
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Pdo
 from palpate.instrument.contracts.field import sdo
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import BenchError
 
 

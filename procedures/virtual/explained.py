@@ -7,6 +7,7 @@ from dataclasses import asdict, dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
@@ -15,12 +16,22 @@ from palpate.procedures.lab.store import store
 from palpate.procedures.showing.figure import new_figure, picture_file, write
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped
 from palpate.simulators.effects import GROUP, effect_names
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.planning.plan import AnswerPlan, Question, SteadyState, plan
-from palpate.simulators.planning.prices import PRICE, PRICE_OF, PriceLine, Progress
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
-from palpate.simulators.planning.weights import DRAWS, Subset, Weight, front, nested, priced, weigh
+from palpate.simulators.planning.weights import (
+    DRAWS,
+    PRICE,
+    PRICE_OF,
+    PriceLine,
+    Progress,
+    Subset,
+    Weight,
+    front,
+    nested,
+    priced,
+    weigh,
+)
 from palpate.simulators.scenes.heads import SceneHead, head_of
 from palpate.simulators.scenes.scene import Scene
 

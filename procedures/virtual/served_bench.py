@@ -22,7 +22,7 @@ import numpy.typing as npt
 from palpate.drivers.safe_end import taken
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import LINE
-from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.errors import BenchError, PalpateError, RangeError, UsageError
 from palpate.instrument.own_process import Ends
 from palpate.instrument.quantity import parse, show
@@ -33,9 +33,9 @@ from palpate.procedures.records.events import Event
 from palpate.procedures.records.run import storing
 from palpate.simulators.bench import NAMED, BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.rig import SimulatedOperator
+from palpate.simulators.rig import SimulatedOperator
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.pace import Pacer
+from palpate.simulators.wire.loop import Pacer
 
 if TYPE_CHECKING:
     from rich.table import Table

@@ -22,7 +22,7 @@ import numpy.typing as npt
 from palpate.drivers.bench import Bench
 from palpate.instrument.additions import library
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 from palpate.instrument.findings.film_forces import film_forces, stacked_forces
 from palpate.instrument.quantity import parse

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from palpate.instrument.bench.role_maps.bias import BiasMap
+from palpate.instrument.bench.role_maps import BiasMap
 from palpate.instrument.contracts.contract import Command
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace

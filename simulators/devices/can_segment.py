@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.bench.can_block import Block
-from palpate.instrument.bench.links import MULTICAST, leave
-from palpate.instrument.contracts.field import sdo
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.instrument.arrays import Floats
+from palpate.instrument.bench.links import MULTICAST, Block, leave
+from palpate.instrument.contracts.contract import sdo
+from palpate.instrument.contracts.own import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.linear.lti import Floats
-from palpate.simulators.rig.rig import Rig
-from palpate.simulators.wire.attached import attach, local_node
-from palpate.simulators.wire.can_bus import VirtualNetwork, hand_over, open_bus
+from palpate.simulators.rig import Rig
+from palpate.simulators.wire.can_bus import VirtualNetwork, attach, hand_over, local_node, open_bus
 from palpate.simulators.wire.canopen_device import SimulatedNode
 
 if TYPE_CHECKING:

@@ -9,15 +9,14 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap, LowPass
-from palpate.instrument.contracts import strain_indicator
-from palpate.instrument.contracts.declaration import Command
+from palpate.instrument.arrays import Floats
+from palpate.instrument.bench.role_maps import NOT, LoadIndicatorMap, LowPass
+from palpate.instrument.contracts.contract import Command
+from palpate.instrument.contracts.own import STRAIN_INDICATOR
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import Twin
-from palpate.simulators.rig.rig import Rig, RigLoadCell
+from palpate.simulators.rig import Rig, RigLoadCell
 from palpate.simulators.wire.device import DEVICE_BUSY, Refused, SimulatedDevice, SimulatedPlace
-
-Floats = npt.NDArray[np.float64]
 
 SETTLING = 2.0  # periods of its cut-off frequency after which a filter has forgotten what was before
 LONGEST_NS = 10_000_000_000  # ns of the past that are looked at
@@ -215,7 +214,7 @@ COMMAND_NS = 50_000_000  # ns that a command takes [A]
 class SimulatedStrainIndicator(SimulatedDevice):
     """Our strain indicator, which has what no map tells: a peak detector over a window, and commands that take time."""
 
-    contract = strain_indicator.CONTRACT
+    contract = STRAIN_INDICATOR
     readings = ("reading", "reading_float", "updates")
 
     @classmethod

@@ -6,10 +6,9 @@ import math
 from collections.abc import Iterator, Mapping
 from typing import Any
 
-from palpate.instrument.bench.role_maps.positioner import PositionerMap, PositionerSettings, State
-from palpate.instrument.bench.role_maps.steps import ramp_of, speed_of
-from palpate.instrument.contracts import positioner
+from palpate.instrument.bench.role_maps import PositionerMap, PositionerSettings, State, ramp_of, speed_of
 from palpate.instrument.contracts.contract import Command, Contract, Field, sdo
+from palpate.instrument.contracts.own import POSITIONER
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.devices.twin import CanopenTwin, Twin
 from palpate.simulators.wire.device import DEVICE_FAILURE, ILLEGAL_VALUE, Refused, SimulatedDevice, SimulatedPlace
@@ -407,7 +406,7 @@ class SimulatedPositioner(SimulatedDevice):
     The rig takes the new position when a move has ended.
     """
 
-    contract = positioner.CONTRACT
+    contract = POSITIONER
 
     def __init__(self, clock: VirtualClock, serial: str) -> None:
         super().__init__(clock, serial)

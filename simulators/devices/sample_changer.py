@@ -5,12 +5,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 from typing import Self
 
-from palpate.instrument.contracts import sample_changer
-from palpate.instrument.contracts.sample_changer import PLACES, TRAVEL
+from palpate.instrument.contracts.own import PLACES, SAMPLE_CHANGER, TRAVEL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import NEVER, VirtualClock
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.wire.device import (
     DEVICE_BUSY,
     DEVICE_FAILURE,
@@ -27,7 +26,7 @@ class SimulatedSampleChanger(SimulatedDevice):
     The rig knows the sample under the probe. The tag reader therefore also sees a sample that was mounted by hand.
     """
 
-    contract = sample_changer.CONTRACT
+    contract = SAMPLE_CHANGER
 
     @classmethod
     def at(cls, place: SimulatedPlace) -> Self:

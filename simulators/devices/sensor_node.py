@@ -10,18 +10,17 @@ from typing import Any, Self
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.bench.can_block import Octets
-from palpate.instrument.bench.role_maps.sensor_node import VOLTS, SensorNodeMap, raw_limits
-from palpate.instrument.contracts import sensor_node
+from palpate.instrument.arrays import Floats, Times
+from palpate.instrument.bench.links import Octets
+from palpate.instrument.bench.role_maps import VOLTS, SensorNodeMap, raw_limits
 from palpate.instrument.contracts.contract import Command, Field
 from palpate.instrument.contracts.field import codec
-from palpate.instrument.contracts.sensor_node import CHANNELS, RANGE_VOLTS
+from palpate.instrument.contracts.own import CHANNELS, RANGE_VOLTS, SENSOR_NODE
 from palpate.instrument.sensor.design import Film
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import CanopenTwin
-from palpate.simulators.linear.lti import Floats
-from palpate.simulators.rig.rig import FilmInputs, Rig
-from palpate.simulators.wire.canopen_device import SimulatedNode, Times, octets
+from palpate.simulators.rig import FilmInputs, Rig
+from palpate.simulators.wire.canopen_device import SimulatedNode, octets
 from palpate.simulators.wire.device import SimulatedPlace
 
 BEYOND = 0xFF00  # emergency code, manufacturer-specific
@@ -109,7 +108,7 @@ class SimulatedMappedNode(CanopenTwin):
 
 # --- ours ----------------------------------------------------------------------------------------------
 
-CONTRACT = sensor_node.CONTRACT
+CONTRACT = SENSOR_NODE
 SATURATED = 0xFF01  # emergency code, manufacturer-specific
 ROLLOVER = 1 << 8 * CONTRACT["sample_counter"].size
 VOLTAGE_ERROR = 1 << CONTRACT["error_register"].bits["voltage"]

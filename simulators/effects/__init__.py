@@ -14,8 +14,7 @@ from typing import TypeVar, get_args
 
 from palpate.instrument.additions import addition, additions, find, unusable
 from palpate.instrument.errors import ConfigError
-from palpate.simulators.physics.effect import Effect, Kind
-from palpate.simulators.physics.stages import PLACES
+from palpate.simulators.physics.effect import PLACES, Effect, Kind
 
 # These are in the order of the signal chain.
 EFFECTS: dict[str, str] = {

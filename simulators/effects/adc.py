@@ -8,9 +8,9 @@ import numpy as np
 import numpy.typing as npt
 from pydantic import Field
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.physics.converter import FINEST, convert
-from palpate.simulators.physics.effect import Floats, Kind
-from palpate.simulators.physics.stages import ConverterEffect
+from palpate.simulators.physics.effect import ConverterEffect, Kind
 
 
 class Adc(ConverterEffect):

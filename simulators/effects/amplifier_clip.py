@@ -8,9 +8,8 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Volts
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.parts import Armature, Limits
-from palpate.simulators.physics.stages import ShakerEffect
+from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.physics.effect import Kind, ShakerEffect
 
 
 class AmplifierClip(ShakerEffect):

@@ -8,10 +8,9 @@ from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from palpate.instrument.contracts.sensor_node import CHANNELS, bus_load, stuff_bits
+from palpate.instrument.contracts.own import CHANNELS, bus_load, stuff_bits
 from palpate.instrument.quantity import BitsPerSecond
-from palpate.simulators.physics.effect import Bound, Case, Kind
-from palpate.simulators.physics.stages import CanEffect
+from palpate.simulators.physics.effect import Bound, CanEffect, Case, Kind
 
 SDO_BYTES = 8
 

@@ -9,8 +9,7 @@ from pydantic import Field
 from palpate.instrument.quantity import Ohms, Seconds, Volts
 from palpate.instrument.sensor.design import Design, Film
 from palpate.simulators.linear.lti import StateSpace, first_order_high_pass
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import AmplifierEffect
+from palpate.simulators.physics.effect import AmplifierEffect, Kind
 
 
 class ChargeAmplifier(AmplifierEffect):

@@ -7,9 +7,8 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.sensor.sample import Sample
-from palpate.simulators.bounds.fits import SIGMAS
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import ShareEffect
+from palpate.simulators.bounds import SIGMAS
+from palpate.simulators.physics.effect import Kind, ShareEffect
 from palpate.simulators.randomness import Stream
 
 

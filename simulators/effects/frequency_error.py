@@ -8,8 +8,7 @@ from pydantic import Field
 
 from palpate.instrument.quantity import Hertz
 from palpate.simulators.linear.periodic import HERTZ
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import DriveEffect
+from palpate.simulators.physics.effect import DriveEffect, Kind
 
 
 class FrequencyError(DriveEffect):

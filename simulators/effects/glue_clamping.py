@@ -7,9 +7,9 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.simulators.physics.effect import Floats, Kind
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import FilmsEffect, Kind
 from palpate.simulators.randomness import Stream
 
 

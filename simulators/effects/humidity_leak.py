@@ -8,8 +8,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Ohms, Seconds
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import LeakEffect
+from palpate.simulators.physics.effect import Kind, LeakEffect
 
 EPOCHS = 1000  # number of steps in which the leak changes, each by 0.9 % with the default parameters
 

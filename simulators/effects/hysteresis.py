@@ -7,9 +7,8 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field, model_validator
 
 from palpate.instrument.quantity import Newtons
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.parts import Plays
-from palpate.simulators.physics.stages import HysteresisEffect
+from palpate.simulators.physics.chain import Plays
+from palpate.simulators.physics.effect import HysteresisEffect, Kind
 
 
 class Hysteresis(HysteresisEffect):

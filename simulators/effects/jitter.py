@@ -8,11 +8,10 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.quantity import Seconds
-from palpate.simulators.bounds.fits import SIGMAS, largest
-from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.bounds import SIGMAS, largest
+from palpate.simulators.physics.effect import Case, InputEffect, Kind, Rates
 from palpate.simulators.randomness import Stream
 
 

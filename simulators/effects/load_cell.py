@@ -9,8 +9,7 @@ from typing import ClassVar
 from pydantic import Field
 
 from palpate.instrument.quantity import Seconds, Volts, VoltsPerNewton
-from palpate.simulators.physics.effect import Bound, Case, Floats, Kind
-from palpate.simulators.physics.stages import CellEffect
+from palpate.simulators.physics.effect import Bound, Case, CellEffect, Kind
 from palpate.simulators.randomness import Stream
 
 

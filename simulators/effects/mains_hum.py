@@ -8,12 +8,11 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.quantity import Hertz, Volts
-from palpate.simulators.bounds.fits import largest_tone
-from palpate.simulators.linear.lti import Times
+from palpate.simulators.bounds import largest_tone
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.physics.effect import Case, InputEffect, Kind, Rates
 from palpate.simulators.randomness import BLOCK, Stream
 
 

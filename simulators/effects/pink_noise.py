@@ -12,11 +12,10 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.quantity import Hertz, VoltsPerRootHertz
-from palpate.simulators.bounds.fits import SIGMAS, correlated_spread
-from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.effect import Case, Floats, Kind, Rates
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.bounds import SIGMAS, correlated_spread
+from palpate.simulators.physics.effect import Case, InputEffect, Kind, Rates
 from palpate.simulators.randomness import BLOCK, Stream, cut, keep
 
 LOWEST, DECADES = 1e-3, 8  # Hz; corners of the processes: 1 mHz to 10 kHz

@@ -8,8 +8,7 @@ from pydantic import Field
 
 from palpate.instrument.bench.links import SHORTEST_SILENCE, SILENCE
 from palpate.instrument.quantity import BitsPerSecond
-from palpate.simulators.physics.effect import Bound, Case, Kind
-from palpate.simulators.physics.stages import LineEffect
+from palpate.simulators.physics.effect import Bound, Case, Kind, LineEffect
 
 CHARACTER = 11  # bits: start, eight, parity or a second stop, stop
 

@@ -10,8 +10,7 @@ from pydantic import Field
 from palpate.instrument.quantity import Coulombs, CoulombsPerNewton, Newtons
 from palpate.instrument.sensor.design import Design, Film
 from palpate.simulators.linear.lti import StateSpace, gain
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.stages import SourceEffect
+from palpate.simulators.physics.effect import Kind, SourceEffect
 
 
 class Triboelectric(SourceEffect):

@@ -9,9 +9,8 @@ from pydantic import Field, model_validator
 
 from palpate.instrument.quantity import Seconds
 from palpate.simulators.linear.lti import StateSpace
-from palpate.simulators.physics.effect import Kind
-from palpate.simulators.physics.parts import SpringStack
-from palpate.simulators.physics.stages import StackEffect
+from palpate.simulators.physics.chain import SpringStack
+from palpate.simulators.physics.effect import Kind, StackEffect
 
 # These are the shares of the fast modulus that relax, and their time constants [s].
 PRONY: dict[str, tuple[tuple[float, ...], tuple[float, ...]]] = {

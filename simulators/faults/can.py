@@ -9,7 +9,7 @@ import numpy as np
 from pydantic import Field
 
 from palpate.instrument.bench.links import CAN
-from palpate.instrument.contracts.sensor_node import CONTRACT
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.device import DeviceFault, Faulty, device
 from palpate.simulators.faults.fault import Beats, Fault, Samples, Struck, Target, Trigger
@@ -86,7 +86,7 @@ class FilmDrift(FilmFault):
 
 # --- faults of the bus ---------------------------------------------------------------------------------
 
-SAMPLES, STAMP = (pdo.base for pdo in CONTRACT.pdos)
+SAMPLES, STAMP = (pdo.base for pdo in SENSOR_NODE.pdos)
 HEARTBEAT = 0x700
 FUNCTION, NODE_ID = 0x780, 0x7F  # parts of an identifier by CiA 301
 DELAY = 5  # frames that overtake a delayed one

@@ -8,8 +8,8 @@ from typing import Any, ClassVar, Protocol
 
 from pydantic import Field
 
-from palpate.instrument.bench.role_maps.load_indicator import NOT, LoadIndicatorMap
-from palpate.instrument.contracts import strain_indicator
+from palpate.instrument.bench.role_maps import NOT, LoadIndicatorMap
+from palpate.instrument.contracts.own import STRAIN_INDICATOR
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.faults.fault import (
@@ -136,7 +136,7 @@ def device(sim: Faulty, name: str) -> Any:
 # last
 
 Read = Callable[[str], float]
-BITS = strain_indicator.CONTRACT["status"].bits
+BITS = STRAIN_INDICATOR["status"].bits
 NO_READING = 0x7FFF_FFFF
 
 

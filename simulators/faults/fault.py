@@ -11,7 +11,7 @@ from pydantic import Field
 from palpate.instrument.additions import load
 from palpate.instrument.bench.kinds import KINDS, DeviceKind
 from palpate.instrument.bench.links import CAN, LINE
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap
+from palpate.instrument.bench.role_maps import LoadIndicatorMap
 from palpate.instrument.config import check
 from palpate.instrument.contracts.contract import sdo
 from palpate.instrument.errors import ConfigError, UnknownName

@@ -17,8 +17,8 @@ from collections.abc import Iterator
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.linear.integrators import LOST, IntegratorError
-from palpate.simulators.linear.lti import Floats
 
 PERIOD, CYCLES, FINEST = 0.1, 3, 10_000  # s; cycles; steps in a cycle of the reference
 STEPS = (100, 1000)  # numbers of steps in a cycle

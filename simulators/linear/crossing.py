@@ -17,10 +17,10 @@ from typing import NamedTuple
 
 import numpy as np
 
+from palpate.instrument.arrays import Complexes, Floats
 from palpate.instrument.errors import UnreachableError
-from palpate.simulators.linear.exponential import exponential
-from palpate.simulators.linear.free_motion import balanced
-from palpate.simulators.linear.lti import Complexes, Floats, Rows, Steady
+from palpate.simulators.linear.free_motion import balanced, exponential
+from palpate.simulators.linear.lti import Rows, Steady
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 
 NEVER = 2**63 - 1

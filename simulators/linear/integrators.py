@@ -17,15 +17,9 @@ from typing import Any, Literal
 import numpy as np
 import numpy.typing as npt
 
-from palpate.simulators.linear.exponential import DIGITS, decimals, exact, exponential
-from palpate.simulators.linear.lti import (
-    Complexes,
-    Floats,
-    StateSpace,
-    Times,
-    first_order_high_pass,
-    first_order_low_pass,
-)
+from palpate.instrument.arrays import Complexes, Floats, Times
+from palpate.simulators.linear.free_motion import DIGITS, decimals, exact, exponential
+from palpate.simulators.linear.lti import StateSpace, first_order_high_pass, first_order_low_pass
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 
 DURATION = 10.0  # s, of the record

@@ -12,14 +12,11 @@ from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Complexes, Floats, Times
 from palpate.simulators.linear.free_motion import FreeMotion, Seen, free_motion
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 
-Floats = npt.NDArray[np.float64]
-Complexes = npt.NDArray[np.complex128]
-Times = npt.NDArray[np.int64]
 Rows = tuple[Floats, Floats]  # weights on states (p, s) and inputs (p, m)
 
 KEPT = 256  # pairs of system and inputs whose settled states are kept

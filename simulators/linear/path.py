@@ -18,14 +18,13 @@ from itertools import pairwise
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear.crossing import NEVER, CrossingWatch
-from palpate.simulators.linear.cycle import Cycle
+from palpate.simulators.linear.cycle import Cycle, Mode, PoincareSection, Recurrence, Stretch, depended_on, recurrence
 from palpate.simulators.linear.free_motion import kept_motion
-from palpate.simulators.linear.lti import KEPT, Floats, Rows, StateSpace, Steady, Times, led_to
-from palpate.simulators.linear.mode import Mode, Stretch
+from palpate.simulators.linear.lti import KEPT, Rows, StateSpace, Steady, led_to
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
-from palpate.simulators.linear.recurrence import PoincareSection, Recurrence, depended_on, recurrence
 
 LONGEST = 100 * SECOND  # time in which the transitions of a drive at rest are counted
 KEPT_NS = 12 * SECOND  # time for which stretches are kept; the indicator looks back 10 s at most

@@ -9,7 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import numpy.typing as npt
 
-from palpate.simulators.linear.free_motion import BLOCK, Complexes, Floats, Times, on_grid, real_product
+from palpate.instrument.arrays import Complexes, Floats, Times
+from palpate.simulators.linear.free_motion import BLOCK, on_grid, real_product
 
 POINTS = 1024  # samples of a waveform in a period
 CYCLE = 10**18  # one cycle in units of phase: 1 nHz for 1 ns is one unit

@@ -5,7 +5,7 @@ from __future__ import annotations
 import numpy as np
 import numpy.typing as npt
 
-from palpate.simulators.linear.lti import Floats
+from palpate.instrument.arrays import Floats
 
 FINEST = 16  # bits of a sample on the bus
 

@@ -9,10 +9,11 @@ from typing import Protocol
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats, StateSpace, Times
+from palpate.instrument.arrays import Floats, Times
+from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
-from palpate.simulators.physics.parts import Touch
+from palpate.simulators.physics.chain import Touch
 
 STARTS = 3  # phases at which the drive begins; where the chain is linear, all others follow from them
 PHASES = 12 * STARTS

@@ -18,23 +18,21 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.additions import taken
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
+from palpate.instrument.arrays import Complexes, Floats, Times
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
-from palpate.instrument.sensor.load import check_force
-from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.sensor.sample import Sample, check_force, get_sample
 from palpate.instrument.signals.dwell import LONGEST
-from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds import bound_of
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS, GROUP, WHAT, effect_class, effect_names, origin
-from palpate.simulators.linear.lti import Complexes, Floats, Times
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
+from palpate.simulators.physics.chain import Touch
 from palpate.simulators.physics.dwells import SimulatedDwell, dwell_of
-from palpate.simulators.physics.effect import Bound, Case, Effect
-from palpate.simulators.physics.in_order import rival
-from palpate.simulators.physics.parts import Touch
-from palpate.simulators.rig.rig import FilmInputs, Rig
+from palpate.simulators.physics.effect import Bound, Case, Effect, rival
+from palpate.simulators.rig import FilmInputs, Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene, SceneFile
 
 # -------------------------------------------------------------------------------------------------------

@@ -19,18 +19,16 @@ from typing import ClassVar
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
+from palpate.instrument.arrays import Floats
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.effects import EFFECTS
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.converter import FINEST, convert
-from palpate.simulators.physics.effect import Effect, Kind
-from palpate.simulators.physics.in_order import Effects
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import Effect, Effects, FilmsEffect, Kind
 from palpate.simulators.planning.waveforms import SettledLoad, settled_loads
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import FilmInputs
+from palpate.simulators.rig import FilmInputs
 from palpate.simulators.scenes.scene import Scene
 
 Flags = npt.NDArray[np.bool_]

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 from palpate.instrument.bench.description import placed
 from palpate.instrument.config import check, read_data
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, nearest
-from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import get_parameter_set
 from palpate.instrument.models.response import AUTO
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.design import Design
@@ -18,8 +18,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.effects import EFFECTS, effect_class, effect_names, in_order, origin
 from palpate.simulators.guests import Guest, guests
-from palpate.simulators.physics.effect import Bound, Effect
-from palpate.simulators.physics.in_order import rival
+from palpate.simulators.physics.effect import Bound, Effect, rival
 from palpate.simulators.scenes.heads import fewest_nodes, shipped
 from palpate.simulators.scenes.scene import ON, WHEN, Scene, SceneFile, load_of
 
@@ -168,7 +167,7 @@ def _called_for(
 
 def _largest(effect: Effect, design: Design, file: SceneFile, model: str, others: Mapping[str, Effect]) -> Bound:
     """The largest bound of an effect beside others, for the thesis' samples and loads."""
-    from palpate.simulators.bounds.changes import bound_of
+    from palpate.simulators.bounds import bound_of
     from palpate.simulators.planning.plan import Question, case_of
 
     bounds = [

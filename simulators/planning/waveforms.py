@@ -8,15 +8,15 @@ from dataclasses import dataclass, replace
 import numpy as np
 import numpy.typing as npt
 
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, place
+from palpate.instrument.arrays import Floats, Times
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, place
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.sample import Sample
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.linear.lti import Floats, Times
 from palpate.simulators.linear.periodic import HERTZ, Periodic
-from palpate.simulators.physics.in_order import Effects
-from palpate.simulators.physics.parts import Armature, Limits
+from palpate.simulators.physics.chain import Armature, Limits
+from palpate.simulators.physics.effect import Effects
 from palpate.simulators.planning.plan import (
     CLOSED_FORM,
     PRELOAD,
@@ -29,7 +29,7 @@ from palpate.simulators.planning.plan import (
     sampled,
 )
 from palpate.simulators.planning.plan import SETTLING as LOAD_SETTLING
-from palpate.simulators.rig.rig import FilmInputs, Rig
+from palpate.simulators.rig import FilmInputs, Rig
 from palpate.simulators.scenes.scene import Scene
 
 SETTLING = 5.0  # s after the drive was set, as in a load sweep

@@ -9,7 +9,7 @@ import tomllib
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, TypedDict
 
-from palpate.instrument.contracts.sensor_node import place
+from palpate.instrument.contracts.own import place
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design

@@ -17,13 +17,12 @@ from palpate.instrument.bench.kinds import DeviceKind, Role
 from palpate.instrument.config import Config
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models import springs
-from palpate.instrument.models.parameter_sets import get_parameter_set
+from palpate.instrument.models.parameters import get_parameter_set
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import Response
 from palpate.instrument.quantity import LARGEST_TOLERANCE, Metres, NewtonsPerAmpere, NewtonsPerMetre, Ohms
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import Sample
+from palpate.instrument.sensor.sample import Load, Sample
 from palpate.simulators.guests import Guest, guests, kind_in
 from palpate.simulators.numbers import Numbers
 from palpate.simulators.physics.effect import Effect
@@ -69,7 +68,7 @@ class SceneFile(Config):
     rig: RigParameters = RigParameters()
     effects: dict[str, Any] = Field(default_factory=dict, max_length=MOST_EFFECTS)  # a table, "on" or "auto"
     device: dict[str, dict[str, Any]] | None = None  # additional devices, see `simulators/guests.py`
-    beside: dict[str, dict[str, Any]] | None = None  # read beside each point, see `instrument/bench/beside.py`
+    beside: dict[str, dict[str, Any]] | None = None  # read beside each point, see `instrument/bench/description.py`
     fault: list[dict[str, Any]] | None = None  # see `simulators/faults/`
     fidelity: float | None = Field(default=None, gt=0, lt=1, strict=True)  # by which effects were left out of this file
     left_out: tuple[str, ...] | None = None  # these effects; palpate writes both keys into the scenes of its runs

@@ -8,15 +8,14 @@ from dataclasses import dataclass, field, replace
 from typing import Any, Protocol, Self
 
 import numpy as np
-import numpy.typing as npt
 from canopen.objectdictionary import ODVariable
 from canopen.sdo.exceptions import SdoAbortedError
 from canopen.sdo.server import SdoServer as CanopenSdoServer
 
-from palpate.instrument.bench.can_block import Octets
+from palpate.instrument.arrays import Floats, Times
+from palpate.instrument.bench.links import Octets
 from palpate.instrument.contracts.contract import Contract, Field, Pdo, sdo
-from palpate.instrument.contracts.field import codec
-from palpate.instrument.contracts.pdo import (
+from palpate.instrument.contracts.declaration import (
     AT_SYNC,
     COB_ID,
     KEPT,
@@ -27,8 +26,8 @@ from palpate.instrument.contracts.pdo import (
     TRANSMISSION_TYPE,
     is_relative,
 )
+from palpate.instrument.contracts.field import codec
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.wire.device import SimulatedPlace, first_settings
 
 # -------------------------------------------------------------------------------------------------------
@@ -231,8 +230,6 @@ class SdoServer(CanopenSdoServer):
 
 
 # --- the base of the nodes -----------------------------------------------------------------------------
-
-Times = npt.NDArray[np.int64]
 
 
 def octets(data: Sequence[bytes]) -> Octets:

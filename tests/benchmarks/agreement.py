@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design

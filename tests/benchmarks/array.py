@@ -8,7 +8,7 @@ from collections.abc import Iterator
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, acquire
-from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.sensor.sample import get_sample
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -26,7 +26,7 @@ from types import FrameType
 import numpy as np
 
 from palpate.instrument.errors import PalpateError
-from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds import bound_of
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning.plan import case_of
 from tests.benchmarks.lines import read

@@ -8,8 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, RANGE_VOLTS
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, RANGE_VOLTS
 from palpate.instrument.sensor.design import USUAL_NOISE
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine

@@ -12,10 +12,10 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.arrays import Floats
+from palpate.instrument.findings.film_forces import film_forces, mean_ratio
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.signals.estimate import FEW_DEGREES, Floats, fit_sine
+from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.steps.film_point import may_be_hum
 from palpate.simulators.effects.pink_noise import PinkNoise

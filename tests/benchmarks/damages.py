@@ -24,7 +24,7 @@ BLOCK = 1000
 ROOT = Path(__file__).parents[2]
 TRIED = (
     *(f"procedures/records/{name}.py" for name in ("chain", "damage", "record_file")),
-    *("procedures/study/run.py", "instrument/config.py", "instrument/calibration/files.py", "drivers/logs/pcapng.py"),
+    *("procedures/study/run.py", "instrument/config.py", "instrument/calibration/files.py", "drivers/logs/bus_log.py"),
     "tests/damages.py",
 )
 

@@ -24,7 +24,7 @@ import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, in_pieces
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.sine_columns import Sums
+from palpate.instrument.signals.estimate import Sums
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.row import Row

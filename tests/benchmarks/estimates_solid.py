@@ -18,7 +18,7 @@ from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution, has_many_teeth, refinements
-from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PVDF
 from tests.benchmarks.claims import (
     RATIOS,
     Array,

@@ -23,12 +23,11 @@ import can
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
 from palpate.drivers.links.modbus import read_registers
-from palpate.drivers.logs.bus_log import BusLog
-from palpate.drivers.logs.pcapng import Link, read_pcapng
+from palpate.drivers.logs.bus_log import BusLog, Link, read_pcapng
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
-from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import BenchError
 from palpate.procedures.live.server import serving
 from palpate.procedures.virtual.served_bench import Wish
@@ -134,7 +133,7 @@ def _number(contract: Contract, field: Field, value: float) -> str:
 
 def _canopen(served: Served) -> tuple[str, list[str]]:
     node = served.sim.nodes[0]
-    fields = {f.name: f for f in sensor_node.CONTRACT.fields if f.access != "wo"}
+    fields = {f.name: f for f in SENSOR_NODE.fields if f.access != "wo"}
     asked = json.dumps([[f.index, f.subindex, name] for name, f in fields.items()])
     with (
         can.Bus(interface=MULTICAST, channel=served.description.links["can"].channel, hop_limit=0) as bus,

@@ -19,11 +19,14 @@ from unittest import mock
 import numpy as np
 
 from palpate.instrument.errors import RangeError
+from palpate.instrument.models import surface
 from palpate.instrument.models.axisymmetric import curves
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements.kept import VARIABLE
-from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND, IDENTIFIED_SOLID, PHYSICAL
+from palpate.instrument.models.finite_elements.work import VARIABLE
 from palpate.instrument.models.parameters import (
+    IDENTIFIED_ROUND,
+    IDENTIFIED_SOLID,
+    PHYSICAL,
     Parameters,
     RoundParameters,
     SolidParameters,
@@ -32,7 +35,6 @@ from palpate.instrument.models.parameters import (
 )
 from palpate.instrument.models.response import responses
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from tests.benchmarks.row import Row

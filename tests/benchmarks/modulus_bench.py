@@ -21,7 +21,7 @@ import numpy as np
 from palpate.drivers.bench import Bench
 from palpate.instrument.allocation.stopping import first_sets
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.object_modulus import ByReferences
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import Sample
@@ -34,8 +34,7 @@ from palpate.procedures.measurements.softness import unknown_object
 from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects import effect_class, in_order
-from palpate.simulators.physics.effect import Effect
-from palpate.simulators.physics.in_order import Effects
+from palpate.simulators.physics.effect import Effect, Effects
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene

@@ -12,7 +12,7 @@ from typing import NamedTuple
 import numpy as np
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.loads import LoadSweep

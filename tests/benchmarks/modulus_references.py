@@ -8,10 +8,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.model_fit import MeasuredReference, fit_model
+from palpate.instrument.calibration.model_calibration import MeasuredReference, ModelCalibration, fit_model
 from palpate.instrument.findings.object_modulus import ByReferences
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import Validation, validate
 from palpate.procedures.measurements.object_modulus.planning import expected
 from tests.benchmarks.modulus_bench import MODEL, Draws, Truth

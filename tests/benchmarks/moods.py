@@ -32,7 +32,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.incident import INCIDENT
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import MULTICAST
-from palpate.instrument.contracts import positioner, sample_changer, strain_indicator
+from palpate.instrument.contracts.own import POSITIONER, SAMPLE_CHANGER, STRAIN_INDICATOR
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.live.server import serving
@@ -59,8 +59,8 @@ PATIENCE = (
 )
 WRITES = 16
 ORDERS = {  # registers by which each device gets orders, by unit id on its link
-    "line": {1: strain_indicator.CONTRACT["command"], 2: positioner.CONTRACT["command"]},
-    "sample_changer": {1: sample_changer.CONTRACT["order"]},
+    "line": {1: STRAIN_INDICATOR["command"], 2: POSITIONER["command"]},
+    "sample_changer": {1: SAMPLE_CHANGER["order"]},
 }
 OWNED = 0x40  # register from which the amplifier's owner writes token and counter, which never come twice
 SWEEP = ("sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s")

@@ -23,12 +23,11 @@ import numpy as np
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.finite_elements.work import single
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import OF_MANY_TEETH, Resolution
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 from tests.benchmarks import calculix_peer, ngsolve_peer
 from tests.benchmarks.row import Row
 from tests.instrument.direct import direct

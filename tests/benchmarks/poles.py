@@ -12,16 +12,15 @@ from typing import TypeVar
 
 import numpy as np
 
-from palpate.instrument.models.axisymmetric import direct
 from palpate.instrument.models.axisymmetric.curves import found_on
 from palpate.instrument.models.axisymmetric.model import OPEN, REFINEMENTS, resolution_of
 from palpate.instrument.models.finite_elements.ladder import estimates
 from palpate.instrument.models.finite_elements.work import single
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, round_parameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
 from tests.benchmarks import solid
 from tests.benchmarks.row import Row
+from tests.instrument import direct_round as direct
 
 T = TypeVar("T")
 

@@ -11,7 +11,7 @@ from pathlib import Path
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import kind_of
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
 from palpate.instrument.sensor.designs import get_design

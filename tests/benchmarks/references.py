@@ -11,7 +11,7 @@ from collections.abc import Iterator
 
 import numpy as np
 
-from palpate.instrument.calibration.model_fit import MeasuredReference, fit_model
+from palpate.instrument.calibration.model_calibration import MeasuredReference, fit_model
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.validation import Validation
 from palpate.instrument.uncertainty.budget import coverage_factor

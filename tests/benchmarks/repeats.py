@@ -9,9 +9,7 @@ from dataclasses import fields
 import numpy as np
 
 from palpate.instrument.allocation.table import FIRST
-from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.load_cell_curve import load_cell_curve
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, WeightRun, load_cell_curve
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.designs import get_design

@@ -13,8 +13,7 @@ import numpy as np
 import palpate
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.sensor.sample import Load, get_sample
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.randomness import Stream

@@ -17,8 +17,8 @@ from types import FrameType
 import numpy as np
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.contracts.sensor_node import CHANNELS
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.contracts.own import CHANNELS
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab
@@ -32,7 +32,7 @@ from palpate.simulators.linear.lti import first_order_high_pass
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from tests.benchmarks.records import HEADER
 from tests.benchmarks.row import Row

@@ -21,7 +21,7 @@ from pymodbus.server import ModbusTcpServer
 from pymodbus.simulator import DataType, SimData, SimDevice
 
 from palpate.instrument.bench.links import LOOPBACK
-from palpate.instrument.contracts.signal_generator import CONTRACT
+from palpate.instrument.contracts.own import SIGNAL_GENERATOR
 from palpate.procedures.live.server import serving
 from palpate.procedures.virtual.served_bench import Wish
 from palpate.simulators.bench import BenchAddresses
@@ -115,7 +115,7 @@ def _rates(own: int, bare: int, clients: int) -> tuple[float, float]:
 
 def _ask(port: int, clients: int) -> float:
     """Requests a second of so many clients, each of which waits for its answer; checks that it is the right one."""
-    address, count = CONTRACT.block(["frequency", "amplitude"])
+    address, count = SIGNAL_GENERATOR.block(["frequency", "amplitude"])
     body = bytes([1, 3]) + address.to_bytes(2) + count.to_bytes(2)
 
     async def client(number: int) -> None:
@@ -140,7 +140,7 @@ def _ask(port: int, clients: int) -> float:
 @contextmanager
 def _bare() -> Iterator[int]:
     """A server of pymodbus with the same registers and nothing behind them; its port."""
-    registers = [SimData(f.address, count=f.size // 2, datatype=DataType.REGISTERS) for f in CONTRACT.fields]
+    registers = [SimData(f.address, count=f.size // 2, datatype=DataType.REGISTERS) for f in SIGNAL_GENERATOR.fields]
     loop = asyncio.new_event_loop()
     thread = threading.Thread(target=loop.run_forever, daemon=True)
     thread.start()

@@ -17,7 +17,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.conduct import conduct

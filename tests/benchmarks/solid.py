@@ -24,14 +24,13 @@ import numpy as np
 from palpate.instrument.arithmetic import KERNELS
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import PHYSICAL, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PVDF
 from tests.benchmarks.row import Row
 from tests.instrument.direct import direct
 from tests.settings import disc, solid_sensors
@@ -130,9 +129,8 @@ def _cost(name: str, refinement: int, error: float, seconds: float, memory: floa
 
 def _own_kernels() -> Row:
     """The command, which takes the processor's own kernels, beside the same question of a script, which does not."""
-    ask = (
-        "from palpate.instrument.models.ratio import *; print(ask(RatioQuestion('array', 'solid'), [1e6])[0].response)"
-    )
+    imported = "from palpate.instrument.models.response import *"
+    ask = f"{imported}; print(ask(RatioQuestion('array', 'solid'), [1e6])[0].response)"
     main = "from palpate.procedures.commands import main; main()"
     command = (main, "model", "ratio", "--design", "array", "--model", "solid", "--sensed-modulus", "1 MPa", "--json")
     seconds = []

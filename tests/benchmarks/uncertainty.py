@@ -14,24 +14,18 @@ from typing import cast
 
 import numpy as np
 
-from palpate.instrument.calibration.classification import WeightRun
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
-from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import calibrate_load_cell
-from palpate.instrument.findings.compression import compress
-from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.findings.load_line import DisplaySeries
-from palpate.instrument.findings.mean_ratio import mean_ratio
+from palpate.instrument.calibration.load_cell import LoadCellCalibration, WeightRun, calibrate_load_cell, load_budget
+from palpate.instrument.findings.compression import DisplaySeries, compress
+from palpate.instrument.findings.film_forces import film_forces, mean_ratio
 from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.estimate import Floats, SineFit, fit_sine
-from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.instrument.uncertainty.propagation import Propagated
+from palpate.instrument.sensor.sample import Load, get_sample
+from palpate.instrument.signals.estimate import SineFit, fit_sine
+from palpate.instrument.uncertainty.budget import Propagated, coverage_factor
 from palpate.procedures.measurements.load_cell.procedure import LOADS
 from palpate.procedures.measurements.load_cell.report import REPEATS
 from palpate.procedures.steps.servo import READINGS

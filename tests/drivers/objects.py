@@ -9,7 +9,7 @@ from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Value
-from palpate.instrument.contracts.sensor_node import CONTRACT
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 
@@ -93,7 +93,7 @@ DEFAULTS: dict[str, Any] = {"emergency_cob_id": 0x83, "device_name": "Palpate SN
 
 def node(**held: Any) -> tuple[CanopenSensorNode, Any, VirtualClock]:
     """A connected driver of node 3."""
-    link: Any = Objects(CONTRACT, **{**DEFAULTS, **held})
+    link: Any = Objects(SENSOR_NODE, **{**DEFAULTS, **held})
     clock = VirtualClock()
     driver = CanopenSensorNode.at(DevicePlace(link, 3, None, clock))
     driver.connect()

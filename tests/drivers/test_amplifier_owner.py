@@ -14,11 +14,11 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.ownership import CLAIMS
 from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.contracts.shaker_amplifier import CONTRACT, SETTINGS
+from palpate.instrument.contracts.own import SETTINGS, SHAKER_AMPLIFIER
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SettingsLost
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.devices.amplifier import SimulatedShakerAmplifier
+from palpate.simulators.devices.exciter import SimulatedShakerAmplifier
 from palpate.simulators.linear.periodic import Periodic
 from palpate.simulators.wire.device import Refused
 from tests.drivers.benches import altered, drive, open_bench
@@ -28,7 +28,7 @@ BUSY, ILLEGAL_VALUE = 6, 3
 
 
 def test_a_setting_stands_where_its_order_says() -> None:
-    assert {name: CONTRACT[name].address for name in SETTINGS} == SETTINGS
+    assert {name: SHAKER_AMPLIFIER[name].address for name in SETTINGS} == SETTINGS
 
 
 # --- a dead owner --------------------------------------------------------------------------------------
@@ -85,7 +85,7 @@ def test_the_output_drops_within_the_time_out_whenever_its_owner_dies_and_whoeve
         for stranger in strangers:
             assert STRANGERS[stranger](scene, token) in (BUSY, ILLEGAL_VALUE), stranger
         assert scene.device.settings["enable"] == 1.0
-        assert scene.device.settings["gain"] == CONTRACT["gain"].default
+        assert scene.device.settings["gain"] == SHAKER_AMPLIFIER["gain"].default
 
     own = partial(scene.write, token=token)
     assert own(counter=1) == 0
@@ -236,9 +236,9 @@ def test_an_amplifier_that_was_off_meanwhile_is_claimed_again_with_its_settings(
 
 def without_owners(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None:
     """The registers are not there: every amplifier but ours."""
-    fields = tuple(field for field in CONTRACT.fields if field.address < CONTRACT["ticket"].address)
+    fields = tuple(field for field in SHAKER_AMPLIFIER.fields if field.address < SHAKER_AMPLIFIER["ticket"].address)
     read, write = sim.amplifier.read, sim.amplifier.write
-    monkeypatch.setattr(sim.amplifier, "contract", replace(CONTRACT, fields=fields))
+    monkeypatch.setattr(sim.amplifier, "contract", replace(SHAKER_AMPLIFIER, fields=fields))
 
     def refuse(call: Callable[..., object], asked: set[str], value: object) -> object:
         if not asked <= {field.name for field in fields}:

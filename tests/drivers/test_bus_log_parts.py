@@ -15,14 +15,19 @@ from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     BusLog,
+    CanFrame,
+    Link,
+    Packet,
+    PcapngWriter,
+    frame_of,
     kind_called,
     log_files,
     logged,
     packed,
+    read_frames,
+    read_pcapng,
     unpacked,
 )
-from palpate.drivers.logs.can_frames import CanFrame, frame_of, read_frames
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.simulators.clock import VirtualClock

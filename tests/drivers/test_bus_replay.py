@@ -11,9 +11,8 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.logs.bus_log import BusLog
+from palpate.drivers.logs.bus_log import BusLog, Link, Packet, PcapngWriter, read_pcapng
 from palpate.drivers.logs.bus_replay import BusReplay
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout

@@ -10,8 +10,8 @@ from typing import Any
 import can
 import pytest
 
+from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter
 from palpate.drivers.logs.bus_replay import BusReplay, _confirmed, _is_heartbeat, _same, _without_heartbeats
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
 from palpate.instrument.errors import ConfigError, UsageError
 
 BENCH = (Path(__file__).parents[1] / "frozen" / "old" / "bench-least.toml").read_text()

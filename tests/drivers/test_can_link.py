@@ -14,11 +14,9 @@ import numpy as np
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate.drivers.links.can import CanLink, _Listener, _Tapped
-from palpate.drivers.links.sdo import LATE_ANSWERS
+from palpate.drivers.links.can import LATE_ANSWERS, CanLink, _Listener, _Tapped
 from palpate.instrument.bench import links
-from palpate.instrument.bench.can_block import Block, time_of
-from palpate.instrument.bench.links import MULTICAST
+from palpate.instrument.bench.links import MULTICAST, Block, time_of
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
 from palpate.simulators.wire.can_bus import own_channel
 

@@ -21,8 +21,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.links import causes
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink, read_registers
-from palpate.drivers.scan.found import Search
-from palpate.drivers.scan.modbus_scan import scan_tcp
+from palpate.drivers.scan import Search, scan_tcp
 from palpate.instrument.bench import links as files
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.config import check

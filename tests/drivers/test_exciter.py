@@ -7,8 +7,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.devices.exciter_kinds import Amplified
+from palpate.drivers.devices.exciter import Amplified, Exciter
 from palpate.drivers.safe_end import insist
 from palpate.simulators.clock import VirtualClock
 

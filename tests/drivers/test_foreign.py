@@ -18,19 +18,19 @@ from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
 from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
 
+from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import FASTEST, SerialLine, TcpLink
-from palpate.instrument.contracts import positioner, signal_generator
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.own import POSITIONER, SIGNAL_GENERATOR
 from palpate.instrument.errors import IdentityError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 
 pytestmark = pytest.mark.filterwarnings("ignore:isSet:DeprecationWarning")  # modbus-tk's own
 
-GENERATOR, POSITIONER = signal_generator.CONTRACT, positioner.CONTRACT
+GENERATOR, POSITIONER = SIGNAL_GENERATOR, POSITIONER
 SERIAL = b"F-77"
 IDENTIFY = 43
 BAUDRATE = 9600  # at which a pseudo-terminal does not tear a frame apart

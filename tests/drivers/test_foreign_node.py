@@ -13,8 +13,8 @@ import pytest
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.drivers.links.can import CanLink
 from palpate.instrument.bench import links
-from palpate.instrument.contracts import sensor_node
 from palpate.instrument.contracts.field import sdo
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 
@@ -33,7 +33,7 @@ class ForeignNode:
         self._toggle = 0
         self._count = 0
         self._operational = False
-        self.objects = {f.address: _stored(f.name) for f in sensor_node.CONTRACT.fields}
+        self.objects = {f.address: _stored(f.name) for f in SENSOR_NODE.fields}
         self.objects[sdo(0x1009)] = b"rev B"
         self.objects[sdo(0x1014)] = (0x1C0 + NODE).to_bytes(4, "little")  # of its own choice
         self.objects[sdo(0x1018, 4)] = (0xF0F0).to_bytes(4, "little")
@@ -82,10 +82,10 @@ class ForeignNode:
 
 
 def _stored(name: str) -> bytes:
-    field = sensor_node.CONTRACT[name]
+    field = SENSOR_NODE[name]
     if field.type == "text":
         return str(field.default).encode()
-    return sensor_node.CONTRACT.pack(name, float(field.default))
+    return SENSOR_NODE.pack(name, float(field.default))
 
 
 class Sampling(VirtualClock):

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.layouts import companions, reading, widened, write
+from palpate.drivers.devices.modbus_device import companions, reading, widened, write
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Command, Condition, Manners
 from palpate.instrument.contracts.field import Field, Scaling

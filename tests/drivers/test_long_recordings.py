@@ -15,8 +15,8 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import PIECE, Recording, acquire, in_pieces
-from palpate.instrument.bench.can_block import Block
-from palpate.instrument.contracts.sensor_node import LONGEST_WHOLE
+from palpate.instrument.bench.links import Block
+from palpate.instrument.contracts.own import LONGEST_WHOLE
 from palpate.instrument.errors import LinkError, RangeError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene

@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.device import MOST, WITHIN
-from palpate.instrument.contracts.declaration import Mark
+from palpate.instrument.contracts.declaration import Mark, Pdo
 from palpate.instrument.contracts.field import Field, Scaling, sdo
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import DeviceError, IdentityError, UsageError
 from tests.contracts import canopen_contract
 from tests.drivers.makers_thing import FIELDS, THING, made

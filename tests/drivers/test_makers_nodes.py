@@ -13,9 +13,8 @@ from palpate.drivers.devices.either_bus import EitherBus
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity, Manners, Mark
+from palpate.instrument.contracts.declaration import Identity, Manners, Mark, Pdo
 from palpate.instrument.contracts.field import Field, Scaling, sdo
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, RangeError, UsageError
 from palpate.simulators.clock import VirtualClock
 from tests.contracts import canopen_contract

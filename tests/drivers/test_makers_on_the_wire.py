@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import itertools
+import time
 from collections.abc import Iterator
 from types import SimpleNamespace
 from typing import Any
@@ -92,7 +93,7 @@ def test_a_served_bench_measures_silences_by_the_wall_clock(
 ) -> None:
     device, _, clock = wired
     now = itertools.count(0, 4_000_000)  # ns; each look at the clock is a silence later
-    wall = SimpleNamespace(monotonic_ns=lambda: next(now))
+    wall = SimpleNamespace(monotonic_ns=lambda: next(now), monotonic=time.monotonic)
     monkeypatch.setattr("palpate.simulators.wire.modbus.time", wall)
     clock.served = True
     device.link._clock = SimpleNamespace(wait=lambda _duration: None)  # type: ignore[assignment]  # it stands still here

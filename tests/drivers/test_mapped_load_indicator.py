@@ -15,12 +15,12 @@ from palpate.drivers.devices.device import Device
 from palpate.drivers.devices.load_indicator import LARGEST_LOSS, POLLS, Following, MappedLoadIndicator, pauses
 from palpate.drivers.roles import why_invalid
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LoadIndicatorSettings, LowPass
+from palpate.instrument.bench.role_maps import LoadIndicatorMap, LoadIndicatorSettings, LowPass
 from palpate.instrument.contracts.field import Value
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedMappedLoadIndicator, low_passed
-from palpate.simulators.rig.rig import IDEAL_SENSITIVITY
+from palpate.simulators.rig import IDEAL_SENSITIVITY
 from palpate.simulators.wire.device import SimulatedPlace
 
 FREQUENCY = 10.0  # Hz

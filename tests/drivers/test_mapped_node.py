@@ -12,9 +12,9 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import Counts, MappedNode, missing_sync
-from palpate.instrument.bench.can_block import Block
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.sensor_node import NodeSettings
+from palpate.instrument.bench.links import Block
+from palpate.instrument.bench.role_maps import NodeSettings
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock

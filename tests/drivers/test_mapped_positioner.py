@@ -14,7 +14,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.positioner import PositionerMap
+from palpate.instrument.bench.role_maps import PositionerMap
 from palpate.instrument.config import check
 from palpate.instrument.contracts import maps
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError

@@ -11,8 +11,8 @@ import pytest
 from pymodbus.pdu import ModbusPDU
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.source import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.contracts.field import PROBE

@@ -15,10 +15,11 @@ from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
 from palpate.drivers.links import modbus
 from palpate.drivers.links.modbus import (
     LARGEST_FRAME,
+    LARGEST_REPLY,
     ModbusLink,
+    RtuClient,
     TcpClient,
 )
-from palpate.drivers.links.rtu import LARGEST_REPLY, RtuClient
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.links import rtu
+from palpate.drivers.links import modbus
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.contract import Contract
@@ -328,7 +328,7 @@ def test_a_gateway_behind_a_port_of_pyserial_that_hangs_up_is_called_anew() -> N
 
 def test_a_gateway_on_the_network_is_believed_however_soon_it_answers(monkeypatch: pytest.MonkeyPatch) -> None:
     """Its private bound is set so high that every reply of a wire would come too soon: no other door makes it sure."""
-    monkeypatch.setattr(rtu, "earliest_reply", lambda *_: 3600.0)
+    monkeypatch.setattr(modbus, "earliest_reply", lambda *_: 3600.0)
     clock = VirtualClock()
     with Moody(lambda request: Said(on_line(request[0], carried_out(dict(HELD), request[1:-2]))), rtu=True) as peer:
         link = ModbusLink.rtu(SerialLine.model_validate({"port": f"socket://127.0.0.1:{peer.port}"}), clock)

@@ -14,10 +14,10 @@ from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Pdo
 from palpate.instrument.contracts.export import node_eds, registers
-from palpate.instrument.contracts.pdo import Pdo
-from palpate.instrument.contracts.sensor_node import CONTRACT as SENSOR_NODE
-from palpate.instrument.contracts.signal_generator import CONTRACT as GENERATOR
+from palpate.instrument.contracts.own import SENSOR_NODE
+from palpate.instrument.contracts.own import SIGNAL_GENERATOR as GENERATOR
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError, UnknownName, UsageError
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.logs.pcapng import BEGINNING, Link, Packet, PcapngWriter, read_pcapng
+from palpate.drivers.logs.bus_log import BEGINNING, Link, Packet, PcapngWriter, read_pcapng
 
 PACKETS = [
     Packet(0x0123_4567_89AB_CDEF, "oven", Link.TCP, True, b"abc"),

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.instrument.contracts import positioner as stage
+from palpate.instrument.contracts.own import POSITIONER
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
@@ -17,7 +17,7 @@ HOMED = 2
 
 
 def positioner(**held: Any) -> tuple[MicroPositioner, Any, VirtualClock]:
-    link: Any = Registers(stage.CONTRACT, **{"limit_high": 0.02, "status": HOMED, **held})
+    link: Any = Registers(POSITIONER, **{"limit_high": 0.02, "status": HOMED, **held})
     clock = VirtualClock()
     driver = MicroPositioner.at(DevicePlace(link, 1, None, clock))
     driver.connect()

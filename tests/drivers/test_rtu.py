@@ -16,8 +16,7 @@ from pymodbus.pdu import DecodePDU
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.links.modbus import ModbusLink, read_registers
-from palpate.drivers.links.rtu import ReplyFramer, RtuClient
+from palpate.drivers.links.modbus import ModbusLink, ReplyFramer, RtuClient, read_registers
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
 from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import LinkTimeout

@@ -9,7 +9,7 @@ import pytest
 from pymodbus.exceptions import ConnectionException
 from pymodbus.pdu import DecodePDU
 
-from palpate.drivers.links.rtu import LARGEST_REPLY, ReplyFramer, RtuClient
+from palpate.drivers.links.modbus import LARGEST_REPLY, ReplyFramer, RtuClient
 from palpate.instrument.bench.links import earliest_reply
 from tests.drivers.virtual_line import checked
 

@@ -8,7 +8,7 @@ import pytest
 
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sample_changer import POLL, ModbusSampleChanger
-from palpate.instrument.contracts import sample_changer
+from palpate.instrument.contracts.own import SAMPLE_CHANGER
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
@@ -17,7 +17,7 @@ MOVING = 1
 
 
 def changer(**held: Any) -> tuple[ModbusSampleChanger, Any, VirtualClock]:
-    link: Any = Registers(sample_changer.CONTRACT, **{"place_1": "a", "place_8": "b", **held})
+    link: Any = Registers(SAMPLE_CHANGER, **{"place_1": "a", "place_8": "b", **held})
     clock = VirtualClock()
     driver = ModbusSampleChanger.at(DevicePlace(link, 1, None, clock))
     driver.connect()

@@ -12,9 +12,16 @@ import pytest
 from palpate.drivers.links import can as can_listening
 from palpate.drivers.links.can import CanLink, listen
 from palpate.drivers.links.modbus import write_registers
-from palpate.drivers.scan.can_scan import check_allowed, scan_can
-from palpate.drivers.scan.found import ReadOnlyCan, ReadOnlyModbus, Search
-from palpate.drivers.scan.modbus_scan import ModbusSearch, scan_line, settings
+from palpate.drivers.scan import (
+    ModbusSearch,
+    ReadOnlyCan,
+    ReadOnlyModbus,
+    Search,
+    check_allowed,
+    scan_can,
+    scan_line,
+    settings,
+)
 from palpate.instrument.bench import links
 from palpate.instrument.bench.kinds import KINDS as OWN
 from palpate.instrument.bench.kinds import DeviceKind
@@ -254,7 +261,7 @@ def test_nobody_is_asked_on_a_real_bus_before_frames_have_proved_the_bit_rate(
     opened: list[object] = []
     monkeypatch.setattr(CanLink, "open", lambda self: opened.append(self))
     monkeypatch.setattr(
-        "palpate.drivers.scan.can_scan.listen", lambda _bus, _seconds: can_listening.Heard(frames, errors, set())
+        "palpate.drivers.scan.listen", lambda _bus, _seconds: can_listening.Heard(frames, errors, set())
     )
     search = Search()
     scan_can(search, [can_link(interface="slcan")], [1], [], seconds=1.0, talk=False)

@@ -6,7 +6,7 @@ import canopen
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate.drivers.links.sdo import FRAME, LARGEST_OBJECT, LATE_ANSWERS, CheckedSdoClient
+from palpate.drivers.links.can import FRAME, LARGEST_OBJECT, LATE_ANSWERS, CheckedSdoClient
 
 
 class Client(CheckedSdoClient):

@@ -6,10 +6,10 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.amplifier import AmplifierState, ShakerAmplifier
 from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.exciter import AmplifierState, ShakerAmplifier
 from palpate.instrument.bench.kinds import AmplifierSettings
-from palpate.instrument.contracts.shaker_amplifier import CONTRACT
+from palpate.instrument.contracts.own import SHAKER_AMPLIFIER
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SafetyError, SettingsLost
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
@@ -17,7 +17,7 @@ from tests.drivers.registers import Registers
 
 def alone(**held: Any) -> tuple[ShakerAmplifier, Any]:
     """A driver that owns an amplifier without a wire, whose registers hold these values."""
-    link: Any = Registers(CONTRACT, ticket=0x0007_0001, **held)
+    link: Any = Registers(SHAKER_AMPLIFIER, ticket=0x0007_0001, **held)
     driver = ShakerAmplifier(link, 1, VirtualClock())
     assert driver.claim()
     link.asked.clear()
@@ -29,7 +29,7 @@ def orders(link: Any) -> list[dict[str, int]]:
     return [
         {"counter": registers[3], **({"order": registers[4], "value": registers[5]} if registers[4:] else {})}
         for start, registers in link.writes()
-        if start == CONTRACT["token"].address
+        if start == SHAKER_AMPLIFIER["token"].address
     ]
 
 
@@ -140,14 +140,14 @@ def test_an_order_that_is_refused_says_why(failure: DeviceError, kind: type[Benc
 
 
 def test_only_an_amplifier_without_the_register_of_the_owner_counts_as_one_without_owners() -> None:
-    link: Any = Registers(CONTRACT)
+    link: Any = Registers(SHAKER_AMPLIFIER)
     link.failures = [refused(4)]
     with pytest.raises(DeviceError, match="answered exception 4, to a read of ticket"):
         ShakerAmplifier(link, 1, VirtualClock()).claim()
 
 
 def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> None:
-    link: Any = Registers(CONTRACT)
+    link: Any = Registers(SHAKER_AMPLIFIER)
     clock: Any = None
     driver = ShakerAmplifier.at(DevicePlace(link, 1, AmplifierSettings(watchdog_fed_by="any request"), clock))
     assert driver.claim()
@@ -170,7 +170,7 @@ def test_the_trip_that_every_killed_run_leaves_is_cleared_and_no_other(
     driver, link = alone(faults_latched=latched)
 
     def clear() -> None:
-        if link.words.get(CONTRACT["order"].address) == 0x13:
+        if link.words.get(SHAKER_AMPLIFIER["order"].address) == 0x13:
             link.put(faults_latched=0)
 
     link.written = clear

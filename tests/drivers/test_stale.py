@@ -11,10 +11,9 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.links.can import has_wire
-from palpate.drivers.links.sdo import CheckedSdoClient
+from palpate.drivers.links.can import CheckedSdoClient, has_wire
 from palpate.instrument.bench import links
-from palpate.instrument.contracts.sensor_node import shortest_transfer
+from palpate.instrument.contracts.own import shortest_transfer
 from tests.stale import KINDS, NONE, TOLD, tried
 
 TRIES = 200

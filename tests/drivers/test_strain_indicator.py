@@ -11,8 +11,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.models.response import response
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice

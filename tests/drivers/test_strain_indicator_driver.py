@@ -9,16 +9,16 @@ import pytest
 
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.load_indicator import IndicatorReading, StrainIndicator
-from palpate.instrument.contracts.strain_indicator import CONTRACT
+from palpate.instrument.contracts.own import STRAIN_INDICATOR
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
 
-STABLE, OVERLOAD, OPEN = (1 << CONTRACT["status"].bits[bit] for bit in ("stable", "overload", "bridge_open"))
+STABLE, OVERLOAD, OPEN = (1 << STRAIN_INDICATOR["status"].bits[bit] for bit in ("stable", "overload", "bridge_open"))
 
 
 def indicator(**held: Any) -> tuple[StrainIndicator, Any, VirtualClock]:
-    link: Any = Registers(CONTRACT, status=STABLE, **held)
+    link: Any = Registers(STRAIN_INDICATOR, status=STABLE, **held)
     clock = VirtualClock()
     return StrainIndicator.at(DevicePlace(link, 1, None, clock)), link, clock
 
@@ -184,8 +184,8 @@ def test_an_indicator_follows_or_holds_peaks_over_its_window(mode: str, value: f
     assert (link.held("mode"), link.held("filter")) == (value, pytest.approx(2.5))
 
 
-COMMANDS = CONTRACT["command"].choices
-RESULTS = CONTRACT["command_result"].choices
+COMMANDS = STRAIN_INDICATOR["command"].choices
+RESULTS = STRAIN_INDICATOR["command_result"].choices
 
 
 def carried_out(link: Any, clock: VirtualClock, after: float, last: str, result: str) -> None:
@@ -206,7 +206,7 @@ def test_a_command_is_looked_at_until_it_is_done(command: str) -> None:
     begun = clock.now_ns()
     carried_out(link, clock, 0.05, command, "done")
     driver.command(command)
-    assert link.writes() == [(CONTRACT["command"].address, [COMMANDS[command]])]
+    assert link.writes() == [(STRAIN_INDICATOR["command"].address, [COMMANDS[command]])]
     assert 0.05e9 <= clock.now_ns() - begun <= 0.08e9
     assert driver.differences() == []  # it is no setting
 

@@ -15,15 +15,13 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.devices.exciter_kinds import FEWEST, SetPointGrid, grid
+from palpate.drivers.devices.exciter import FEWEST, Exciter, SetPointGrid, grid
 from palpate.drivers.links.can import CanLink, Cyclic
 from palpate.drivers.ownership import claim
 from palpate.drivers.safe_end import insist
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.contracts.maps.data_sheet import read_sheet
-from palpate.instrument.contracts.maps.eds import disagreements, identity
-from palpate.instrument.contracts.pdo import MOST_CYCLIC, Receiver, hand_over
+from palpate.instrument.contracts.declaration import MOST_CYCLIC, Receiver, hand_over
+from palpate.instrument.contracts.maps.eds import disagreements, identity, read_sheet
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkError, RangeError, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -13,7 +13,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices import canopen_device
 from palpate.drivers.devices.canopen_device import Heartbeat
 from palpate.drivers.watched_clock import WatchedClock
-from palpate.instrument.bench.patience import PATIENCE
+from palpate.instrument.bench.description import PATIENCE
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive

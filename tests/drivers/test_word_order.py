@@ -16,7 +16,7 @@ from palpate.drivers.devices.load_indicator import IndicatorReading, MappedLoadI
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.kinds import kind_in_file
 from palpate.instrument.bench.links import TcpLink
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorSettings
+from palpate.instrument.bench.role_maps import LoadIndicatorSettings
 from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 from tests.shares import first_of

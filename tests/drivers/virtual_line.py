@@ -6,9 +6,9 @@ import heapq
 import itertools
 from collections.abc import Callable, Iterable
 
-from palpate.drivers.links.rtu import RtuClient
+from palpate.drivers.links.modbus import RtuClient
 from palpate.instrument.bench.links import SILENCE
-from palpate.instrument.contracts.maps.frames import crc
+from palpate.instrument.contracts.maps.golden_frames import crc
 
 BITS = 10  # of a character: start, eight, stop
 Answers = Callable[[bytes], Iterable[tuple[float, bytes]]]

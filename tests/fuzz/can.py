@@ -14,12 +14,11 @@ import can
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
-from palpate.drivers.links.can import CanLink, _Listener
-from palpate.drivers.links.sdo import LARGEST_OBJECT
+from palpate.drivers.links.can import LARGEST_OBJECT, CanLink, _Listener
 from palpate.instrument.bench import links
+from palpate.instrument.contracts.declaration import is_relative
 from palpate.instrument.contracts.field import sdo
-from palpate.instrument.contracts.pdo import is_relative
-from palpate.instrument.contracts.sensor_node import CONTRACT
+from palpate.instrument.contracts.own import SENSOR_NODE
 from tests.fuzz.target import Target, require, same_number
 
 NODE = 3
@@ -58,14 +57,14 @@ class Transfers:
         self.network = Network()
         self.network.sdo = self.node._node.sdo
         self.node._node.sdo.network = self.network
-        self.reads = [f for f in CONTRACT.fields if f.access != "wo" and f.type != "text"]
-        self.writes = [f for f in CONTRACT.fields if f.access != "ro"]
+        self.reads = [f for f in SENSOR_NODE.fields if f.access != "wo" and f.type != "text"]
+        self.writes = [f for f in SENSOR_NODE.fields if f.access != "ro"]
 
     def seeds(self) -> list[bytes]:
         first = [
             bytes([0x43 | (4 - f.size) << 2])
             + _multiplexer(f.address)
-            + CONTRACT.pack(f.name, float(f.default) + NODE * is_relative(f.index, f.subindex)).ljust(4, b"\0")
+            + SENSOR_NODE.pack(f.name, float(f.default) + NODE * is_relative(f.index, f.subindex)).ljust(4, b"\0")
             for f in self.reads
         ]
         first += [b"\x60" + _multiplexer(f.address) + bytes(4) for f in self.writes]

@@ -21,13 +21,12 @@ from unittest.mock import patch
 
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.films import FilmCalibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.config import Config, parse
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models import price_list
-from palpate.instrument.models.finite_elements.kept import SUFFIX, read
-from palpate.instrument.models.stored.surface import STORED, RoundMesh, SolidMesh
+from palpate.instrument.models.finite_elements.work import SUFFIX, read
+from palpate.instrument.models.surface import STORED, RoundMesh, SolidMesh
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.heads import shipped
 from tests.fuzz.quantities import value_of

@@ -13,8 +13,7 @@ from typing import Any
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links import modbus as tcp
-from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.links.rtu import RtuClient
+from palpate.drivers.links.modbus import ModbusLink, RtuClient
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Field

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.links.sdo import LARGEST_OBJECT
+from palpate.drivers.links.can import LARGEST_OBJECT
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import DEEPEST, LONGEST_TEXT, MOST_PROBLEMS, MOST_VALUES, parse
 from palpate.instrument.errors import ConfigError, LinkError

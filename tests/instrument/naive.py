@@ -11,12 +11,10 @@ from numpy.typing import NDArray
 from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
 from palpate.instrument.models.axisymmetric import mesh
-from palpate.instrument.models.axisymmetric import mesh as axisymmetric_elements
 from palpate.instrument.models.beam import BeamSegment
 from palpate.instrument.models.finite_elements import elements
-from palpate.instrument.models.finite_elements.solving import Elements
-from palpate.instrument.models.finite_elements.work import one_each
 from palpate.instrument.models.parameters import RoundParameters
+from tests.instrument.direct_round import assemble
 
 Array = NDArray[np.float64]
 
@@ -67,36 +65,21 @@ def linear_elements_ratio(parameters: RoundParameters, radii: Array, heights: Ar
     return float((stiffness @ displacement)[tooth].sum() / -load.sum())
 
 
-def assembled(parameters: RoundParameters, degree: int, layers: int) -> tuple[Elements, Array, scipy.sparse.csc_array]:
-    """The shipped elements in displacement form, and their matrices on nodes, apart and in one sparse matrix."""
-    grid = mesh.grid(parameters, layers)
-    lines = [elements.line(at, degree, radial) for at, radial in ((grid.radii, True), (grid.heights, False))]
-    bodies = mesh.parts(grid)
-    numbered = mesh.number(parameters, grid, *lines, bodies)
-    with one_each(numbered.subdomains) as each:
-        found = axisymmetric_elements.assemble(numbered, *lines, bodies, [], each)
-    local = elements.nodal(found.stiffness.copy())
-    count = found.unknowns.shape[1]
-    rows, columns = np.repeat(found.unknowns, count, axis=1).ravel(), np.tile(found.unknowns, (1, count)).ravel()
-    free = (rows < found.size) & (columns < found.size)
-    matrix = scipy.sparse.coo_array((local.ravel()[free], (rows[free], columns[free])), shape=(found.size, found.size))
-    return found, local, matrix.tocsc()
-
-
 def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
     """Share of the load that is lost before the floor of a rigid support: one sparse solve, forces K u from nodal u."""
-    found, local, matrix = assembled(parameters, degree, layers)
-    grid = mesh.grid(parameters, layers)
-    body = mesh.parts(grid)[0]
-    shapes = degree + 1
-    radii = grid.radii[grid.radii <= parameters.sensed_radius]
+    cut = mesh.grid(parameters, layers)
+    lines = [elements.line(at, degree, radial) for at, radial in ((cut.radii, True), (cut.heights, False))]
+    bodies = mesh.parts(cut)
+    found = assemble(*mesh.number(parameters, cut, *lines, bodies), *lines, bodies, mixed=False)
+    body, shapes = bodies[0], degree + 1
+    radii = cut.radii[cut.radii <= parameters.sensed_radius]
     load = np.zeros(found.size + 1)
     top = found.unknowns[body.elements].reshape(len(body.columns), len(body.rows), 2, shapes, shapes)[:, -1, 1, :2, 1]
     a, b = radii[:-1], radii[1:]
     for place, weight in ((0, 2 * a + b), (1, a + 2 * b)):
         np.add.at(load, top[:, place], -(b - a) * weight / 6)
-    displacement = np.append(scipy.sparse.linalg.spsolve(matrix, load[:-1]), 0.0)
-    forces = np.einsum("eij,ej->ei", local, displacement[found.unknowns])
+    displacement = np.append(scipy.sparse.linalg.spsolve(found.matrix(found.stiffness.copy()), load[:-1]), 0.0)
+    forces = np.einsum("eij,ej->ei", elements.nodal(found.stiffness.copy()), displacement[found.unknowns])
     total = np.bincount(found.unknowns.ravel(), weights=forces.ravel(), minlength=found.size + 1)
     return abs(float((load - total)[:-1].sum() / load.sum()))
 

@@ -3,9 +3,7 @@ from __future__ import annotations
 import functools
 import itertools
 import math
-import threading
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
@@ -13,18 +11,15 @@ import scipy
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.axisymmetric.direct import DirectSolution, solve, solve_on
 from palpate.instrument.models.axisymmetric.mesh import grid
 from palpate.instrument.models.axisymmetric.model import solve_to
-from palpate.instrument.models.finite_elements import elements, solving
-from palpate.instrument.models.parameter_sets import IDENTIFIED_ROUND
-from palpate.instrument.models.parameters import RoundParameters, round_parameters
+from palpate.instrument.models.finite_elements import elements
+from palpate.instrument.models.parameters import IDENTIFIED_ROUND, RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 from palpate.instrument.thesis import read_table
-from tests.instrument import naive
+from tests.instrument.direct_round import DirectSolution, solve, solve_on
 from tests.settings import round_sensors
 from tests.shares import first_of
 
@@ -197,73 +192,6 @@ def test_refinement_stops_before_rounding_passes_the_discretisation_error() -> N
     for refinement in axisymmetric.REFINEMENTS[:4]:
         solution = case_a(refinement)
         assert solution.imbalance < 1e-10 < abs(solution.force_ratio - CASE_A_RATIO)
-
-
-def test_the_unknowns_stand_in_an_order_that_fills_the_factors_no_more_than_superlu_s_own() -> None:
-    found, _, matrix = naive.assembled(replace(CASE_A, compliant_poisson=0.3), 3, 1)
-    shared = matrix[: found.shared, : found.shared].tocsc()
-    filled = {
-        order: scipy.sparse.linalg.splu(
-            shared, permc_spec=order, diag_pivot_thresh=0.0, options={"SymmetricMode": True}
-        ).L.nnz
-        for order in ("NATURAL", "MMD_AT_PLUS_A")
-    }
-    assert shared.nnz < filled["NATURAL"] < filled["MMD_AT_PLUS_A"]
-
-
-@pytest.mark.parametrize(
-    "sensor",
-    [
-        replace(CASE_A, support="rigid", interface="frictionless"),
-        replace(CASE_A, sensed_poisson=0.5, compliant_poisson=0.5),
-        replace(CASE_A, sensed_modulus=140e9, sensed_thickness=1e-5),
-    ],
-    ids=["rigid support", "incompressible", "foil"],
-)
-def test_two_halves_factorised_apart_give_the_answer_of_the_whole(
-    sensor: RoundParameters, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    whole = solve_on(sensor, 3, 1)
-    monkeypatch.setattr(mesh, "WHOLE", 0)
-    halves = solve_on(sensor, 3, 1)
-    assert halves.force_ratio == pytest.approx(whole.force_ratio, abs=axisymmetric.ROUND_OFF)
-    assert max(whole.residual, halves.residual) < 1e-15
-
-
-def test_each_half_gives_its_memory_back_in_the_thread_that_took_it(monkeypatch: pytest.MonkeyPatch) -> None:
-    """SuperLU frees nothing elsewhere: a hundred fine solutions would take 5 GB."""
-    taken: list[int] = []
-    given: list[int] = []
-    factors = solving.ordered_factors
-
-    class Watched:
-        def __init__(self, matrix: scipy.sparse.csc_array) -> None:
-            self._factors = factors(matrix)
-            taken.append(threading.get_ident())
-
-        def __getattr__(self, name: str) -> Any:
-            return getattr(self._factors, name)
-
-        def __del__(self) -> None:
-            given.append(threading.get_ident())
-
-    monkeypatch.setattr(solving, "ordered_factors", Watched)
-    monkeypatch.setattr(mesh, "WHOLE", 0)
-    solve_on(CASE_A, 3, 1)
-    assert sorted(taken) == sorted(given)
-    assert len(set(taken)) == 2
-
-
-def test_displacements_are_sampled_over_every_body() -> None:
-    solution = case_a(1)
-    assert set(solution.fields) == {
-        "object", "ring", "tooth", "tooth film", "upper plate", "base film", "lower plate"
-    }  # fmt: skip
-    lower = solution.fields["lower plate"]
-    assert not lower.axial[:, 0].any()
-    ring, body = solution.fields["ring"], solution.fields["object"]
-    assert ring.axial[-1, -1] == pytest.approx(body.axial[-1, 0], rel=1e-12)
-    assert body.axial.max() < 0
 
 
 @pytest.mark.parametrize(

@@ -11,11 +11,10 @@ import pytest
 
 from palpate.instrument.models.axisymmetric import model
 from palpate.instrument.models.axisymmetric.curves import curve_on
-from palpate.instrument.models.axisymmetric.direct import solve_on
 from palpate.instrument.models.axisymmetric.mesh import grid
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, round_parameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
+from tests.instrument.direct_round import solve_on
 from tests.settings import round_sensors
 from tests.shares import first_of
 

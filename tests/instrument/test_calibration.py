@@ -10,9 +10,13 @@ import numpy.typing as npt
 import pytest
 
 from palpate.instrument.calibration.calibration import CalibrationOwner
-from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
+from palpate.instrument.calibration.load_cell import (
+    STANDARD_GRAVITY,
+    THESIS_LOAD_CELL,
+    LoadCellCalibration,
+    WeightRun,
+    calibrate_load_cell,
+)
 from palpate.instrument.errors import ConfigError, EstimateError, RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.instrument.uncertainty.interpolation import interpolate

@@ -9,11 +9,8 @@ from random import Random
 
 import pytest
 
-from palpate.instrument.calibration.classification import Classification
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_curve import Curvature
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, Classification, Curvature, LoadCellCalibration
 from palpate.instrument.errors import ConfigError, RecordError
 
 

@@ -14,10 +14,8 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.axisymmetric import direct
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import CAPPED
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import CAPPED, RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.parts import SolidStack
@@ -26,6 +24,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce import chapter4
 from palpate.procedures.reproduce.curves import Curves, Solutions
+from tests.instrument import direct_round
 
 ROUND = RoundParameters(interface="capped", support="rigid", sensed_thickness=1e-3)
 SQUARE = SolidParameters(interface="capped", support="rigid", sensed_thickness=1e-3)
@@ -68,7 +67,7 @@ def test_from_a_very_soft_object_to_a_very_hard_one_the_line_goes_on() -> None:
     start = round_odds(1e-3) - 1e-3 * slope
     assert round_odds(1e-7) == pytest.approx(start + 1e-7 * slope, rel=1e-9)
     for ratio in (1e2, 4e4, 1e6):
-        found = direct.solve(replace(ROUND, sensed_modulus=ratio * 24e3), 1)
+        found = direct_round.solve(replace(ROUND, sensed_modulus=ratio * 24e3), 1)
         assert 1 - found.force_ratio == pytest.approx(1 / (1 + start + slope * ratio), rel=1e-10)
         assert found.imbalance < 1e-14
 

@@ -7,8 +7,9 @@ import math
 import numpy as np
 import pytest
 
-from palpate.instrument.calibration.classification import (
+from palpate.instrument.calibration.load_cell import (
     NOT_CLASSIFIABLE,
+    THESIS_LOAD_CELL,
     Classification,
     Quantities,
     WeightRun,
@@ -17,7 +18,6 @@ from palpate.instrument.calibration.classification import (
     iso_376_class_of,
     quantities,
 )
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.instrument.uncertainty.interpolation import interpolate
 
 LOAD = np.arange(1.0, 11.0)

@@ -12,14 +12,12 @@ from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models import springs
 from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
-from palpate.instrument.models.parameter_sets import PHYSICAL, THESIS
-from palpate.instrument.models.ratio import RatioQuestion, ask
-from palpate.instrument.models.response import response
+from palpate.instrument.models.parameters import PHYSICAL, THESIS
+from palpate.instrument.models.response import RatioQuestion, ask, response
 from palpate.instrument.models.springs import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import Sample, get_sample
+from palpate.instrument.sensor.sample import Load, Sample, get_sample
 from palpate.instrument.thesis import read_table
 from palpate.procedures.reproduce.criterion import distance, fitted_line, odds_sentence
 

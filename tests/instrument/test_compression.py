@@ -5,11 +5,10 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.findings.compression import compress
-from palpate.instrument.findings.load_line import DisplaySeries
-from palpate.instrument.uncertainty import propagation
+from palpate.instrument.findings.compression import DisplaySeries, compress
+from palpate.instrument.uncertainty import budget
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION
 
@@ -35,7 +34,7 @@ def three(noise: float = 0.0, seed: int = 0) -> tuple[DisplaySeries, DisplaySeri
 
 @pytest.fixture(autouse=True)
 def few_trials(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(propagation, "TRIALS", 2000)
+    monkeypatch.setattr(budget, "TRIALS", 2000)
 
 
 def test_modulus_thickness_and_compliance_come_back_exactly() -> None:

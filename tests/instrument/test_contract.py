@@ -14,7 +14,7 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Identity
 from palpate.instrument.contracts.field import PROBE, Field
-from palpate.instrument.contracts.sensor_node import bus_load
+from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 
 RANGES = {

@@ -10,7 +10,7 @@ from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Identity
 from palpate.instrument.contracts.field import PROBE, Field, probe
-from palpate.instrument.contracts.sensor_node import shortest_transfer, stuff_bits
+from palpate.instrument.contracts.own import shortest_transfer, stuff_bits
 from palpate.instrument.errors import RangeError, UnknownName
 
 OVEN = Contract(

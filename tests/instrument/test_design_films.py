@@ -7,8 +7,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.sensor.designs.common_base import COMMON_BASE
-from palpate.instrument.sensor.designs.single import SINGLE
+from palpate.instrument.sensor.designs import COMMON_BASE, SINGLE
 
 RIGID, TOTAL = sorted(SINGLE.films, key=lambda film: film.name)
 

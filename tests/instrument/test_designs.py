@@ -9,11 +9,9 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.parameters import PHYSICAL, solid_parameters
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.sensor.designs.array import array_of
+from palpate.instrument.sensor.designs import DESIGNS, array_of, get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import read_table
 

@@ -13,7 +13,7 @@ from palpate.instrument.models.solid import parts
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
 from palpate.instrument.models.solid.parts import Diagonal, SolidStack
 from palpate.instrument.models.solid.system import System, symmetry
-from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PVDF
 from tests.shares import first_of
 
 SMALLEST = OF_FEW_TEETH.resolutions[0]

@@ -8,40 +8,40 @@ import numpy as np
 import pytest
 from scipy.stats import t
 
-from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.arrays import Floats
+from palpate.instrument.errors import RangeError
 from palpate.instrument.signals.dwell import (
     Floor,
     check_dwell,
     check_target,
     dwell_of,
     half_width,
-    ratio_noise,
     whole_steps,
 )
-from palpate.instrument.signals.estimate import Floats, SineFit, amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimate import SineFit, fit_sine
+from tests.ratios import amplitude_ratio
 
 FREQUENCY, RATE = 10.0, 250.0
 AMPLITUDES = np.array([0.3, 1.0])
 
 
-def record(duration: float, sigma: Floats, seed: int, rho: float = 0.0) -> SineFit:
+def record(duration: float, sigma: Floats, seed: int) -> SineFit:
     time = np.arange(round(duration * RATE)) / RATE
-    first, other = np.random.default_rng(seed).normal(size=(2, time.size))
-    noise = np.stack([first, rho * first + math.sqrt(1 - rho**2) * other]) * sigma[:, np.newaxis]
+    noise = np.random.default_rng(seed).normal(size=(2, time.size)) * sigma[:, np.newaxis]
     return fit_sine(time, AMPLITUDES[:, np.newaxis] * np.cos(2 * np.pi * FREQUENCY * time + 1.0) + noise, FREQUENCY)
+
+
+def noise_of(fit: SineFit) -> float:
+    """Relative standard uncertainty that noise leaves in the ratio of both amplitudes after one second [√s]."""
+    ratio, u = amplitude_ratio(fit, 0, 1)
+    return u / ratio * math.sqrt(fit.samples / fit.rate)
 
 
 def test_the_dwell_is_that_of_the_formula() -> None:
     sigma = np.array([0.01, 0.02])
-    dwell = dwell_of(4e-3, ratio_noise(record(40.0, sigma, 1), 0, 1), FREQUENCY).dwell
+    dwell = dwell_of(4e-3, noise_of(record(40.0, sigma, 1)), FREQUENCY).dwell
     density = sigma * math.sqrt(2 / RATE)
     assert dwell == pytest.approx(float(((density / AMPLITUDES) ** 2).sum()) * (1.96 / 4e-3) ** 2, rel=0.2)
-
-
-def test_noise_that_is_common_shortens_the_dwell() -> None:
-    alike = 0.1 * AMPLITUDES
-    plain, common = (ratio_noise(record(20.0, alike, 2, rho), 0, 1) for rho in (0.0, 0.9))
-    assert common / plain == pytest.approx(math.sqrt(0.1), rel=0.15)
 
 
 @pytest.mark.slow
@@ -50,7 +50,7 @@ def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
     tolerance, sigma = 16e-3, np.array([0.02, 0.04])
     found, dwells = [], []
     for seed in range(200):
-        noise = ratio_noise(record(2.0, sigma, 2 * seed), 0, 1)
+        noise = noise_of(record(2.0, sigma, 2 * seed))
         dwell = dwell_of(tolerance, noise, FREQUENCY).dwell
         found.append(amplitude_ratio(record(dwell, sigma, 2 * seed + 1), 0, 1)[0])
         dwells.append((dwell, (1.96 * noise / tolerance) ** 2))
@@ -98,12 +98,6 @@ def test_a_target_that_no_dwell_reaches_is_refused_with_the_floor_named(target: 
 def test_a_target_just_above_the_floor_does_not_take_for_ever() -> None:
     with pytest.raises(RangeError, match=r"above the limit of 3600 s .*; no dwell gets below ± 8\.04 %; ask"):
         dwell_of(1.96 * 0.041, 0.1, FREQUENCY, (Floor("gain scatter", 0.041),))
-
-
-def test_a_silent_film_has_no_dwell() -> None:
-    time = np.arange(50) / RATE
-    with pytest.raises(EstimateError, match="amplitude of a film is zero"):
-        ratio_noise(fit_sine(time, np.zeros((2, 50)), FREQUENCY), 0, 1)
 
 
 @pytest.mark.parametrize(

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.contracts.field import sdo
-from palpate.instrument.contracts.maps.data_sheet import LARGEST_SHEET
-from palpate.instrument.contracts.maps.eds import imported
+from palpate.instrument.contracts.maps.eds import LARGEST_SHEET, imported
 from palpate.instrument.contracts.maps.map_file import DeviceMap, map_of
 from palpate.instrument.errors import ConfigError
 

@@ -9,13 +9,12 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, SolidParameters, solid_parameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import DESIGNS
-from palpate.instrument.sensor.film_material import PVDF
+from palpate.instrument.sensor.material import PVDF
 from tests.benchmarks import claims, estimates, estimates_solid
 from tests.settings import disc, solid_sensors
 

@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError, UnknownName
 from palpate.instrument.signals.estimate import (
     ESTIMATORS,
     LEAST_SQUARES,
-    Floats,
     amplitude_ratios,
     amplitudes,
     fit_sine,

@@ -8,8 +8,7 @@ from typing import Any
 import pytest
 
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.bias import BiasMap
-from palpate.instrument.bench.role_maps.exciter import ExciterMap
+from palpate.instrument.bench.role_maps import BiasMap, ExciterMap
 from palpate.instrument.config import check
 from palpate.instrument.contracts.contract import Contract
 

@@ -19,10 +19,10 @@ from canopen.objectdictionary import datatypes
 
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Pdo
 from palpate.instrument.contracts.export import bench_dbc, export_contracts, node_eds, register_table
 from palpate.instrument.contracts.field import Field, sdo
 from palpate.instrument.contracts.object_dictionary import object_dictionary
-from palpate.instrument.contracts.pdo import Pdo
 from palpate.instrument.errors import RecordError, UsageError
 from tests.second_reader import hold
 

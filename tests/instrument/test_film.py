@@ -17,7 +17,7 @@ from palpate.instrument.models.film import (
     solve_condensed,
     symmetric_scale,
 )
-from palpate.instrument.sensor.film_material import FILM_MATERIALS
+from palpate.instrument.sensor.material import FILM_MATERIALS
 
 THESIS = FILM_MATERIALS["thesis"]
 AREA, THICKNESS, FORCE = 1e-4, 25e-6, 1.0

@@ -13,7 +13,7 @@ import pytest
 from palpate.instrument.calibration.calibration import CalibrationOwner
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration, FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.findings.film_forces import film_forces
 from palpate.instrument.sensor.design import Design

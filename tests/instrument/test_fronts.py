@@ -13,8 +13,7 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import elimination, poles, work
 from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, dissected
 from palpate.instrument.models.finite_elements.poles import Sensor, curve, projected
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import solid_parameters
+from palpate.instrument.models.parameters import PHYSICAL, solid_parameters
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
 from palpate.instrument.sensor.designs import get_design

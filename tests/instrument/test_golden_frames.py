@@ -13,12 +13,10 @@ from pymodbus.framer import FramerRTU
 
 from palpate.instrument.config import check
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.declaration import Command
+from palpate.instrument.contracts.declaration import Command, Pdo
 from palpate.instrument.contracts.field import Field, Scaling, sdo
-from palpate.instrument.contracts.maps.frames import crc
-from palpate.instrument.contracts.maps.golden_frames import computed, prove
+from palpate.instrument.contracts.maps.golden_frames import computed, crc, prove
 from palpate.instrument.contracts.maps.map_file import FrameTable, GoldenFrame, frame_of
-from palpate.instrument.contracts.pdo import Pdo
 from tests.contracts import canopen_contract as node
 from tests.contracts import modbus_contract as modbus
 

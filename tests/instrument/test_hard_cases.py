@@ -14,15 +14,15 @@ from palpate.instrument.errors import EstimateError
 from palpate.instrument.models import beam, springs
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.axisymmetric.direct import solve, solve_on
 from palpate.instrument.models.beam import BeamSegment
 from palpate.instrument.models.finite_elements import solving
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 from palpate.instrument.sensor.sample import get_sample
 from tests.instrument import naive
+from tests.instrument.direct_round import solve, solve_on
 from tests.shares import first_of
 
 CASE_A = RoundParameters()

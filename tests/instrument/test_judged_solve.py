@@ -14,9 +14,9 @@ import pytest
 
 from palpate.instrument import notice
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.models.finite_elements import elimination, kept, work
+from palpate.instrument.models.finite_elements import elimination, work
 from palpate.instrument.models.parameters import solid_parameters
-from palpate.instrument.models.ratio import RatioQuestion, ask
+from palpate.instrument.models.response import RatioQuestion, ask
 from palpate.instrument.models.solid import model
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
@@ -28,7 +28,7 @@ AT = (3e-3, 3e-3)
 @pytest.fixture(autouse=True)
 def nothing_known(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[None]:
     """No curve is kept, neither on disk nor in memory."""
-    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "curves"))
+    monkeypatch.setenv(work.VARIABLE, str(tmp_path / "curves"))
     model.curve_of_one.cache_clear()
     model.judged.cache_clear()
     yield

@@ -18,9 +18,9 @@ import pytest
 from palpate.instrument.arithmetic import arithmetic
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.axisymmetric import curves
-from palpate.instrument.models.finite_elements import kept
-from palpate.instrument.models.finite_elements.kept import keep, key_of, read, write
+from palpate.instrument.models.finite_elements import work
 from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.finite_elements.work import keep, key_of, read, write
 from palpate.instrument.models.parameters import RoundParameters
 
 CURVE = Curve(
@@ -39,7 +39,7 @@ CURVE = Curve(
 
 @pytest.fixture(autouse=True)
 def room(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv(kept.VARIABLE, str(tmp_path / "curves"))
+    monkeypatch.setenv(work.VARIABLE, str(tmp_path / "curves"))
     return tmp_path / "curves"
 
 
@@ -80,7 +80,7 @@ def test_another_sensor_or_other_code_is_found_anew(monkeypatch: pytest.MonkeyPa
     keep("sensor", Curve, lambda: CURVE)
     other = replace(CURVE, least=1.0)
     assert same(keep("other sensor", Curve, lambda: other), other)
-    monkeypatch.setattr(kept, "code_digest", lambda: "other code")
+    monkeypatch.setattr(work, "code_digest", lambda: "other code")
     assert same(keep("sensor", Curve, lambda: other), other)
 
 
@@ -88,12 +88,12 @@ def test_what_another_arithmetic_left_is_found_anew(monkeypatch: pytest.MonkeyPa
     """A script with kernels of its own must not give later commands its last digits."""
     now, other = arithmetic(), replace(CURVE, least=1.0)
     keep("sensor", Curve, lambda: CURVE)
-    monkeypatch.setattr(kept, "arithmetic", lambda: {**now, "processor": "another"})
+    monkeypatch.setattr(work, "arithmetic", lambda: {**now, "processor": "another"})
     keep("sensor", Curve, refused)
     for part in ("machine", "blas", "vectors", "libm"):
-        monkeypatch.setattr(kept, "arithmetic", lambda part=part: {**now, part: "another"})
+        monkeypatch.setattr(work, "arithmetic", lambda part=part: {**now, part: "another"})
         assert same(keep("sensor", Curve, lambda: other), other)
-    monkeypatch.setattr(kept, "arithmetic", lambda: now)
+    monkeypatch.setattr(work, "arithmetic", lambda: now)
     assert same(keep("sensor", Curve, refused), CURVE)
 
 
@@ -105,7 +105,7 @@ def test_the_code_is_that_of_both_models_and_of_what_they_share(monkeypatch: pyt
         return b""
 
     monkeypatch.setattr(Path, "read_bytes", noted)
-    kept.code_digest.__wrapped__()
+    work.code_digest.__wrapped__()
     for name in ("axisymmetric/mesh.py", "solid/mesh.py", "finite_elements/poles.py", "models/parameters.py"):
         assert any(file.endswith(name) for file in read_files), name
 
@@ -182,14 +182,14 @@ def _swapped(whole: bytes) -> bytes:
 
 def test_a_file_that_is_too_large_is_not_read_whole(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     keep("sensor", Curve, lambda: CURVE)
-    monkeypatch.setattr(kept, "LARGEST", 100)
+    monkeypatch.setattr(work, "LARGEST", 100)
     with pytest.raises(ConfigError, match="more than 100 bytes"):
         read(only(room), Curve, key_of("sensor"))
 
 
 @pytest.mark.parametrize("kind", ["folder", "pipe", "link to nothing"])
 def test_what_is_no_file_stops_nothing(room: Path, kind: str) -> None:
-    path = room / f"{key_of('sensor')}{kept.SUFFIX}"
+    path = room / f"{key_of('sensor')}{work.SUFFIX}"
     room.mkdir()
     if kind == "folder":
         path.mkdir()
@@ -231,10 +231,10 @@ def test_who_has_no_home_keeps_nothing_and_is_answered(monkeypatch: pytest.Monke
     def homeless() -> Path:
         raise RuntimeError("Could not determine home directory.")
 
-    monkeypatch.delenv(kept.VARIABLE)
+    monkeypatch.delenv(work.VARIABLE)
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", homeless)
-    assert kept.folder() is None
+    assert work.folder() is None
     assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
 
 
@@ -252,24 +252,24 @@ def test_who_has_no_home_keeps_nothing_and_is_answered(monkeypatch: pytest.Monke
 def test_curves_are_kept_among_the_users_caches(
     monkeypatch: pytest.MonkeyPatch, platform: str, given: dict[str, str], expected: str
 ) -> None:
-    for name in (kept.VARIABLE, "XDG_CACHE_HOME", "LOCALAPPDATA"):
+    for name in (work.VARIABLE, "XDG_CACHE_HOME", "LOCALAPPDATA"):
         monkeypatch.delenv(name, raising=False)
     for name, value in given.items():
         monkeypatch.setenv(name, value)
-    monkeypatch.setattr(kept.sys, "platform", platform)
+    monkeypatch.setattr(work.sys, "platform", platform)
     monkeypatch.setattr(Path, "home", lambda: Path("/home/me"))
-    assert kept.folder() == Path(expected)
+    assert work.folder() == Path(expected)
 
 
 def test_what_was_not_used_for_longest_goes_first(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for age, name in enumerate(("used again", "forgotten", "new")):
         keep(name, Curve, lambda: CURVE)
-        path = room / f"{key_of(name)}{kept.SUFFIX}"
+        path = room / f"{key_of(name)}{work.SUFFIX}"
         os.utime(path, (1e9 + age, 1e9 + age))
     keep("used again", Curve, refused)
-    monkeypatch.setattr(kept, "ROOM", int(3.5 * path.stat().st_size))
+    monkeypatch.setattr(work, "ROOM", int(3.5 * path.stat().st_size))
     keep("one more", Curve, lambda: CURVE)
-    left = {file.name.removesuffix(kept.SUFFIX) for file in room.iterdir()}
+    left = {file.name.removesuffix(work.SUFFIX) for file in room.iterdir()}
     assert left == {key_of(name) for name in ("used again", "new", "one more")}
 
 
@@ -298,7 +298,7 @@ def test_a_link_out_of_the_folder_is_neither_read_nor_touched(room: Path, tmp_pa
     keep("sensor", Curve, lambda: CURVE)
     elsewhere = only(room).rename(tmp_path / "elsewhere.curve")
     os.utime(elsewhere, (1e9, 1e9))
-    (room / f"{key_of('sensor')}{kept.SUFFIX}").symlink_to(elsewhere)
+    (room / f"{key_of('sensor')}{work.SUFFIX}").symlink_to(elsewhere)
     other = replace(CURVE, least=1.0)
     assert same(keep("sensor", Curve, lambda: other), other)
     assert same(keep("sensor", Curve, refused), other)
@@ -330,7 +330,7 @@ def test_files_of_others_are_never_deleted(room: Path, monkeypatch: pytest.Monke
     for file in others:
         file.write_bytes(bytes(1000))
         os.utime(file, (0, 0))
-    monkeypatch.setattr(kept, "ROOM", 0)
+    monkeypatch.setattr(work, "ROOM", 0)
     keep("sensor", Curve, lambda: CURVE)
     assert set(room.iterdir()) == set(others)
 
@@ -341,26 +341,26 @@ def test_what_cannot_be_deleted_does_not_let_the_folder_grow(
 ) -> None:
     for name in ("oldest", "old"):
         keep(name, Curve, lambda: CURVE)
-        os.utime(room / f"{key_of(name)}{kept.SUFFIX}", (1e9, 1e9))
-    path = room / f"{key_of('oldest')}{kept.SUFFIX}"
+        os.utime(room / f"{key_of(name)}{work.SUFFIX}", (1e9, 1e9))
+    path = room / f"{key_of('oldest')}{work.SUFFIX}"
     size = path.stat().st_size
     path.unlink()
     path.mkdir() if kind == "folder" else path.symlink_to("nothing")
     os.utime(path, (0, 0), follow_symlinks=False)
-    monkeypatch.setattr(kept, "ROOM", size + 10)
+    monkeypatch.setattr(work, "ROOM", size + 10)
     keep("new", Curve, lambda: CURVE)
-    assert not (room / f"{key_of('old')}{kept.SUFFIX}").exists()
+    assert not (room / f"{key_of('old')}{work.SUFFIX}").exists()
     assert same(keep("new", Curve, refused), CURVE)
 
 
 def test_times_in_the_future_make_no_file_last_for_ever(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     for name in ("future", "new"):
         keep(name, Curve, lambda: CURVE)
-    path = room / f"{key_of('future')}{kept.SUFFIX}"
+    path = room / f"{key_of('future')}{work.SUFFIX}"
     os.utime(path, (4e9, 4e9))
-    monkeypatch.setattr(kept, "ROOM", int(2.5 * path.stat().st_size))
+    monkeypatch.setattr(work, "ROOM", int(2.5 * path.stat().st_size))
     keep("one more", Curve, lambda: CURVE)
-    left = {file.name.removesuffix(kept.SUFFIX) for file in room.iterdir()}
+    left = {file.name.removesuffix(work.SUFFIX) for file in room.iterdir()}
     assert left == {key_of("new"), key_of("one more")}
 
 
@@ -371,14 +371,14 @@ def test_what_a_killed_process_left_goes(room: Path) -> None:
         file.write_bytes(b"half")
     os.utime(left, (1e9, 1e9))
     keep("sensor", Curve, lambda: CURVE)
-    assert {file.suffix for file in room.iterdir()} == {kept.SUFFIX, ".part"}
+    assert {file.suffix for file in room.iterdir()} == {work.SUFFIX, ".part"}
     assert being_written.exists() and not left.exists()
 
 
 def test_a_folder_that_is_named_from_the_home_is_there(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("HOME", str(room))
-    monkeypatch.setenv(kept.VARIABLE, "~/mine")
-    assert kept.folder() == room / "mine"
+    monkeypatch.setenv(work.VARIABLE, "~/mine")
+    assert work.folder() == room / "mine"
 
 
 # --- what is worth keeping -----------------------------------------------------------------------------

@@ -9,10 +9,17 @@ import pytest
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals import estimate
-from palpate.instrument.signals.estimate import SineFit, fit_pieces, fit_sine
-from palpate.instrument.signals.long_fit import SEGMENT, RecordInPieces
-from palpate.instrument.signals.rapid_noise import Cycles
-from palpate.instrument.signals.sine_columns import COEFFICIENTS, Sums, scaled_rows
+from palpate.instrument.signals.estimate import (
+    COEFFICIENTS,
+    SEGMENT,
+    RecordInPieces,
+    SineFit,
+    Sums,
+    fit_pieces,
+    fit_sine,
+    scaled_rows,
+)
+from palpate.instrument.signals.noise import Cycles
 
 RATE = 1000.0  # Hz
 COUNT, LONG = 40_000, 30_000  # samples; what counts as long here, so that the factorization is quick

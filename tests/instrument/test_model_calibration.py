@@ -12,11 +12,10 @@ import numpy as np
 import pytest
 
 from palpate.instrument.calibration.files import accept_calibration, read_calibration, write_calibration
-from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.model_fit import MeasuredReference, expected_u, fit_model
+from palpate.instrument.calibration.model_calibration import MeasuredReference, ModelCalibration, expected_u, fit_model
 from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.findings.object_modulus import ByReferences, estimate
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import Validation, validate, validation_u
 from tests.benchmarks.references import covered
 

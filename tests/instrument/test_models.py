@@ -11,8 +11,7 @@ from palpate.instrument.models import springs
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, Load, Sample, get_sample
 
 SINGLE = get_design("single")
 AREA_SHARE = 1.4**2 / (1.4**2 + 5.0**2 - 1.5**2)

@@ -7,7 +7,8 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 
-from palpate.instrument.signals.estimate import FEW_DEGREES, Floats, SineFit, fit_sine
+from palpate.instrument.arrays import Floats
+from palpate.instrument.signals.estimate import FEW_DEGREES, SineFit, fit_sine
 from palpate.instrument.uncertainty.budget import coverage_factor
 
 FREQUENCY, RATE = 10.0, 250.0

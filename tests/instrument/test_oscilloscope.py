@@ -9,8 +9,7 @@ import pytest
 
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.instrument.signals.harmonics import distortion
-from palpate.instrument.signals.oscilloscope import Oscilloscope
+from palpate.instrument.signals.oscilloscope import Oscilloscope, distortion
 from tests.shares import first_of
 
 RATE, DRIVE = 250.0, 10.0

@@ -13,8 +13,7 @@ from palpate.instrument.models.influence import ERROR, shares_along, tooth_share
 from palpate.instrument.models.parameters import solid_parameters
 from palpate.instrument.models.solid.model import point_loads
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.sensor.sample import Load, get_sample
 
 DESIGN = get_design("common_base")
 HARD = get_sample("1")

@@ -12,8 +12,7 @@ from palpate.instrument import shipped
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, SolidParameters
 from palpate.instrument.models.price_list import (
     AUTO_TOLERANCE,
     Machine,
@@ -29,7 +28,7 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Load
 
 Values = tuple[float | None, ...]
 ROUND = get_design("single_round")

@@ -7,16 +7,9 @@ import math
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.uncertainty.propagation import (
-    LINEAR,
-    MONTE_CARLO,
-    Floats,
-    Function,
-    Input,
-    Propagated,
-    propagate,
-)
+from palpate.instrument.uncertainty.budget import LINEAR, MONTE_CARLO, Function, Input, Propagated, propagate
 
 NAN, INF = math.nan, math.inf
 

@@ -8,9 +8,8 @@ import numpy as np
 import pytest
 from scipy.special import stdtrit
 
-from palpate.instrument.signals.estimate import fit_sine
-from palpate.instrument.signals.rapid_noise import RapidNoise, rapid_noise
-from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.instrument.signals.estimate import fit_sine, sine_columns
+from palpate.instrument.signals.noise import RapidNoise, rapid_noise
 
 SAMPLES, FREQUENCY = 250, 10.0
 TIME = np.arange(SAMPLES) / (25 * FREQUENCY)

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.instrument.uncertainty import rounding
-from palpate.instrument.uncertainty.rounding import mean_u, sums_u
+from palpate.instrument.uncertainty import budget
+from palpate.instrument.uncertainty.budget import mean_u, sums_u
 
 
 @pytest.mark.parametrize("noise", [0.25, 0.3, 0.6, 3.0])
@@ -39,14 +39,14 @@ def test_sums_of_means_are_as_uncertain_as_what_their_rounding_shares(noise: flo
     )
     off = step * (edges[0] - 0.5 + passed.sum(axis=-1)) - true
     spread = np.sqrt(np.mean((off @ weights) ** 2, axis=0))
-    scatter = step * math.sqrt(noise**2 + 1 / 12 - rounding._bias(noise)) if noise else 0.0
+    scatter = step * math.sqrt(noise**2 + 1 / 12 - budget._bias(noise)) if noise else 0.0
     assert sums_u(weights, readings[np.newaxis], scatter, step)[0] == pytest.approx(spread, rel=0.01, abs=1e-3 * step)
 
 
 @pytest.mark.parametrize("scatter", [0.34, 0.35, 0.46, 1.0, 1e6])
 def test_the_noise_behind_a_scatter_is_the_root_that_bracketing_finds(scatter: float) -> None:
-    found = scipy.optimize.brentq(lambda noise: rounding._excess(noise, scatter), 0.0, scatter + 1.0, rtol=1e-15)
-    assert rounding._noise(scatter) == pytest.approx(found, rel=1e-11)
+    found = scipy.optimize.brentq(lambda noise: budget._excess(noise, scatter), 0.0, scatter + 1.0, rtol=1e-15)
+    assert budget._noise(scatter) == pytest.approx(found, rel=1e-11)
 
 
 def test_without_scatter_the_step_alone_is_left() -> None:

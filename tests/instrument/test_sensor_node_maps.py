@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.bench.kinds import device_kind, kind_of
-from palpate.instrument.bench.role_maps.sensor_node import raw_limits
+from palpate.instrument.bench.role_maps import raw_limits
 from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.contracts.maps.map_file import SHIPPED, map_of
 from palpate.instrument.errors import ConfigError

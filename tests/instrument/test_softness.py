@@ -15,8 +15,7 @@ from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.curve import RatioCurve, curve_through, ratio_curve, sampled_curve
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters
 from palpate.instrument.models.price_list import ModelChoice
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design

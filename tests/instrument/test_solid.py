@@ -12,8 +12,7 @@ import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import IDENTIFIED_SOLID
-from palpate.instrument.models.parameters import SolidParameters, solid_parameters
+from palpate.instrument.models.parameters import IDENTIFIED_SOLID, SolidParameters, solid_parameters
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution
 from palpate.instrument.models.solid.mesh import (
     Elastic,

@@ -7,18 +7,15 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from palpate.instrument.models import price_list
+from palpate.instrument.models import price_list, surface
 from palpate.instrument.models.axisymmetric.model import solve
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.parameters import round_parameters, solid_parameters
+from palpate.instrument.models.parameters import PHYSICAL, round_parameters, solid_parameters
 from palpate.instrument.models.price_list import AUTO_TOLERANCE, choose, stored
 from palpate.instrument.models.response import response, responses
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load
 from palpate.procedures.accuracy.meshes import BETWEEN
 from tests.shares import first_of
 

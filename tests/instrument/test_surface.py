@@ -11,19 +11,25 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import ConfigError, RangeError
+from palpate.instrument.models import surface
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.finite_elements.kept import write
-from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
+from palpate.instrument.models.finite_elements.work import write
+from palpate.instrument.models.parameters import (
+    PHYSICAL,
+    RoundParameters,
+    SolidParameters,
+    get_parameter_set,
+    round_parameters,
+    solid_parameters,
+)
 from palpate.instrument.models.price_list import AUTO_TOLERANCE
 from palpate.instrument.models.response import response, responses
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface
-from palpate.instrument.models.stored.surface import RoundMesh, Surface
+from palpate.instrument.models.surface import RoundMesh, Surface
 from palpate.instrument.sensor.design import FILM_KINDS
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load, through
+from palpate.instrument.sensor.sample import Load, through
 
 ROUND, LOAD = get_design("single_round"), PHYSICAL.load(1e5)
 SHIPPED = ("single_round", "single", "common_base", "different_base", "array", "array_16")

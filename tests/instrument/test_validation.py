@@ -12,14 +12,13 @@ import pytest
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.models import price_list, validation
 from palpate.instrument.models import response as registry
-from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
+from palpate.instrument.models.parameters import PHYSICAL, get_parameter_set
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS, Model, Response
 from palpate.instrument.models.validation import validate, validate_all
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
+from palpate.instrument.sensor.sample import SAMPLES, Load
 
 Found = validation.Validation
 

@@ -15,16 +15,14 @@ import numpy as np
 import pytest
 
 from palpate.instrument import notice
-from palpate.instrument.models import price_list
+from palpate.instrument.models import price_list, surface
 from palpate.instrument.models.axisymmetric.model import OPEN
 from palpate.instrument.models.finite_elements.ladder import estimates
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.parameter_sets import PHYSICAL, get_parameter_set
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters
+from palpate.instrument.models.parameters import PHYSICAL, RoundParameters, SolidParameters, get_parameter_set
 from palpate.instrument.models.price_list import Price, PriceList, stored
 from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
-from palpate.instrument.models.stored import surface
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.accuracy import elements, meshes

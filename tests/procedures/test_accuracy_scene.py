@@ -9,11 +9,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.simulators.planning import prices
+from palpate.simulators.planning import weights
 from palpate.simulators.planning.plan import Question
-from palpate.simulators.planning.prices import PriceLine
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import DRAWS, Subset, front, leaving_out, nested, priced, see, weigh
+from palpate.simulators.planning.weights import DRAWS, PriceLine, Subset, front, leaving_out, nested, priced, see, weigh
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
@@ -27,8 +26,8 @@ ONE = PriceLine(1.0, 0.1, 1.0, 0.1)
 @pytest.fixture(autouse=True)
 def few_rounds(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer rounds than a price needs: how good it is is asked elsewhere."""
-    monkeypatch.setattr(prices, "FEWEST", 2)
-    monkeypatch.setattr(prices, "SMALL", np.inf)
+    monkeypatch.setattr(weights, "FEWEST", 2)
+    monkeypatch.setattr(weights, "SMALL", np.inf)
 
 
 @pytest.fixture
@@ -75,7 +74,7 @@ def test_an_effect_costs_what_it_adds(scene: str, monkeypatch: pytest.MonkeyPatc
         nonlocal now
         now += 1e-3 * len(scene.effects)
 
-    monkeypatch.setattr(prices, "films_sampled", sampled)
+    monkeypatch.setattr(weights, "films_sampled", sampled)
     monkeypatch.setattr(time, "process_time", lambda: now)
     found = {name: round(1e3 * each.a_s, 9) for name, each in priced(read_scene(scene), Question()).items()}
     assert found == {"": 5, "gain_scatter": 1, "white_noise": 1, "crosstalk": 1, "adc": 1}

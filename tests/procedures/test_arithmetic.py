@@ -16,7 +16,7 @@ import pytest
 
 from palpate import LoadSweep, open_bench, run
 from palpate.instrument.arithmetic import KERNELS, alike, arithmetic, same_arithmetic
-from palpate.instrument.models.ratio import RatioQuestion, ask
+from palpate.instrument.models.response import RatioQuestion, ask
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, Palpate

@@ -12,8 +12,7 @@ import pytest
 
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.calibration.files import write_calibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab.calibrations import check_nameable, check_store, path_of

@@ -14,8 +14,7 @@ import can
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.logs.bus_log import BusLog
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.drivers.logs.bus_log import BusLog, Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.errors import RecordError
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench

@@ -9,8 +9,7 @@ from pathlib import Path
 import pytest
 import tomli_w
 
-from palpate.drivers.logs.bus_log import RUN
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter, read_pcapng
+from palpate.drivers.logs.bus_log import RUN, Link, Packet, PcapngWriter, read_pcapng
 from palpate.procedures.lab import open as session
 from palpate.procedures.records.run import Run
 from palpate.simulators.faults import inject

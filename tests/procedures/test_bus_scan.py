@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.scan.found import FoundDevice
+from palpate.drivers.scan import FoundDevice
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.links import SerialLine, TcpLink

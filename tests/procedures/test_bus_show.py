@@ -9,7 +9,7 @@ from typing import Any
 import can
 import pytest
 
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
+from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter
 from tests.procedures.conftest import Palpate
 
 ASC = """date Mon Jan 1 10:00:00.000 am 2024

@@ -14,12 +14,11 @@ import tomli_w
 
 from palpate.instrument.calibration.calibration import ANY
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.films import MountingScatterCalibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.errors import ConfigError
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.procedures.lab.calibrations import mountings_of, path_of, probable_references
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 import palpate as package
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise

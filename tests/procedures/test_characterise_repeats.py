@@ -10,9 +10,9 @@ import pytest
 
 import palpate
 from palpate.instrument.allocation.lines import budget
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE
+from palpate.instrument.findings.film_forces import NOISE
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target

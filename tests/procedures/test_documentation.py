@@ -15,7 +15,7 @@ import pytest
 
 from palpate.drivers.devices.load_indicator import Following
 from palpate.instrument.bench.kinds import device_kind
-from palpate.instrument.bench.role_maps.load_indicator import LoadIndicatorMap, LowPass
+from palpate.instrument.bench.role_maps import LoadIndicatorMap, LowPass
 from palpate.instrument.contracts.maps.golden_frames import prove
 from palpate.instrument.contracts.maps.map_file import shipped as maps
 from palpate.procedures.commands.root import palpate as main

@@ -11,8 +11,8 @@ import pytest
 
 import palpate
 from palpate.extend import Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.calibration.films import MountingScatterCalibration
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install

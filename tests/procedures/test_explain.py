@@ -12,9 +12,8 @@ from palpate.procedures.virtual import explained
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning import plan as planning
 from palpate.simulators.planning.plan import Question
-from palpate.simulators.planning.prices import PriceLine
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import Weight
+from palpate.simulators.planning.weights import PriceLine, Weight
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 from tests.shares import first_of
@@ -201,7 +200,7 @@ def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
     def started(*_: object) -> None:
         raise AssertionError("a rig was built")
 
-    monkeypatch.setattr("palpate.simulators.rig.rig.Rig.__init__", started)
+    monkeypatch.setattr("palpate.simulators.rig.Rig.__init__", started)
     text, message = WRONG[wrong]
     Path("wrong.toml").write_text(f"{IDEAL_SCENE}\n{text}\n")
     spoken = palpate(*command, "wrong.toml")

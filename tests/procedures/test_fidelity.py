@@ -12,10 +12,9 @@ from palpate.procedures.lab import chosen as chosen_module
 from palpate.procedures.lab.chosen import Chosen, at_fidelity, choose
 from palpate.procedures.lab.lab import Dwells
 from palpate.procedures.records.run import Run
-from palpate.simulators.planning.fidelity import reduced
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.planning.weights import changes, see
+from palpate.simulators.planning.weights import changes, reduced, see
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 from tests.shares import first_of
 

@@ -10,7 +10,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import FilmCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct

@@ -10,7 +10,7 @@ from pathlib import Path
 import pytest
 
 import palpate
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design

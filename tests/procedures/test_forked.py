@@ -13,8 +13,7 @@ from typing import Any
 import pytest
 
 import palpate
-from palpate.drivers.logs.can_frames import read_frames
-from palpate.drivers.logs.pcapng import read_pcapng
+from palpate.drivers.logs.bus_log import read_frames, read_pcapng
 from palpate.instrument.errors import BenchError, BenchInUse
 from palpate.procedures.records.damage import check
 from palpate.simulators.bench import SimulatedBench

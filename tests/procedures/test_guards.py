@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import BenchError
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.probe import check_zero

@@ -71,7 +71,7 @@ WET_GLUE = """
 from typing import ClassVar
 import numpy as np
 from pydantic import Field
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import FilmsEffect
 
 class WetGlue(FilmsEffect):
     kind: ClassVar = "lti"

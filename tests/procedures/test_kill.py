@@ -10,11 +10,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.records.chain import RECORD
 from palpate.procedures.records.run import Run
 from tests.kills import Commands
 from tests.procedures.conftest import OFF, Palpate
+from tests.ratios import amplitude_ratio
 
 pytestmark = pytest.mark.slow
 

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct

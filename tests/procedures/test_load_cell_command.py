@@ -9,8 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate

@@ -10,12 +10,9 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from palpate.instrument.calibration.classification import WeightRun
-from palpate.instrument.calibration.load_cell_curve import load_cell_curve, slope_u
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, WeightRun, load_cell_curve, slope_u
 from palpate.instrument.errors import RangeError
-from palpate.instrument.uncertainty.budget import coverage_factor
-from palpate.instrument.uncertainty.rounding import mean_u
+from palpate.instrument.uncertainty.budget import coverage_factor, mean_u
 from palpate.procedures.measurements.load_cell.procedure import (
     LOADS,
     CellRepeats,

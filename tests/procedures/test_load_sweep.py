@@ -12,13 +12,12 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError, UnreachableError
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES
-from palpate.instrument.signals.estimate import amplitude_ratio, fit_sine
+from palpate.instrument.sensor.sample import SAMPLES, Load
+from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, evaluate
 from palpate.procedures.records.run import Run
@@ -28,6 +27,7 @@ from palpate.simulators.planning.settle import read_scene, with_model
 from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
+from tests.ratios import amplitude_ratio
 from tests.shares import first_of
 
 LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)

@@ -14,7 +14,7 @@ from matplotlib.figure import Figure
 import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator, SensorNode
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.engine.listeners import Traced
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene

@@ -11,8 +11,7 @@ import pytest
 import palpate
 from palpate.extend import Procedure, Target
 from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import PalpateError, UsageError
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.designs import get_design

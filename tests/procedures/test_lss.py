@@ -10,7 +10,7 @@ import can
 import canopen.lss
 import pytest
 
-from palpate.drivers.links.lss import LssAddress
+from palpate.drivers.links.can import LssAddress
 from palpate.instrument.bench.links import CanBus
 from palpate.instrument.errors import DeviceError, LinkTimeout, RangeError, UsageError
 from palpate.procedures.lab.scan import Change

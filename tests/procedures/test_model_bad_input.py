@@ -8,8 +8,8 @@ from shutil import copyfile
 
 import pytest
 
+from palpate.instrument.models import surface
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.stored import surface
 from tests.procedures.conftest import Palpate
 
 COMMANDS = {

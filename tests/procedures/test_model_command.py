@@ -11,9 +11,14 @@ import pytest
 
 from palpate.instrument.models import experiment
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.parameters import RoundParameters, SolidParameters, round_parameters, solid_parameters
-from palpate.instrument.models.ratio import RatioQuestion, ask
+from palpate.instrument.models.parameters import (
+    RoundParameters,
+    SolidParameters,
+    get_parameter_set,
+    round_parameters,
+    solid_parameters,
+)
+from palpate.instrument.models.response import RatioQuestion, ask
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample

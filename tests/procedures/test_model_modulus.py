@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from palpate.instrument.findings.object_modulus import estimate, validation_of
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from tests.procedures.conftest import Palpate, changed

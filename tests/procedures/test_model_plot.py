@@ -8,9 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from palpate.instrument.models.parameter_sets import PHYSICAL
-from palpate.instrument.models.ratio import RatioAnswer, RatioQuestion
-from palpate.instrument.models.response import response
+from palpate.instrument.models.parameters import PHYSICAL
+from palpate.instrument.models.response import RatioAnswer, RatioQuestion, response
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.showing import model_picture

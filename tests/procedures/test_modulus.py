@@ -9,12 +9,11 @@ from pathlib import Path
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
-from palpate.instrument.uncertainty import propagation
+from palpate.instrument.uncertainty import budget
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.lab import Lab, Target
@@ -47,7 +46,7 @@ def compressed(
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Fewer displays and trials than anybody would take."""
     monkeypatch.setattr(modulus, "DISPLAYS", 4)
-    monkeypatch.setattr(propagation, "TRIALS", 2000)
+    monkeypatch.setattr(budget, "TRIALS", 2000)
 
 
 def test_the_modulus_is_that_of_the_sample_and_every_step_is_kept(

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.instrument.bench.kinds import KINDS
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import SampleError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample

@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from palpate.instrument.calibration.files import read_calibration, write_calibration
+from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
 from palpate.instrument.config import read_hashed
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import CALIBRATION
+from palpate.instrument.findings.film_forces import CALIBRATION
 from palpate.instrument.quantity import Typed, parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample

@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 
 from palpate.instrument.calibration.files import write_calibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.simulators.scenes.heads import shipped
 from tests.procedures.conftest import Palpate
 

@@ -17,7 +17,7 @@ from tests.conftest import Install
 
 WIDE = """
 from dataclasses import replace
-from palpate.instrument.sensor.designs.single import SINGLE
+from palpate.instrument.sensor.designs import SINGLE
 DESIGN = replace(SINGLE, name="wide", ring=replace(SINGLE.ring, outer_radius=4.5e-3), thesis_force_ratio={})
 """
 ODD = """

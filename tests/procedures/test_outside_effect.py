@@ -11,6 +11,7 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.run import run
@@ -24,9 +25,7 @@ from palpate.simulators.effects.mains_hum import MainsHum
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
-from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.effect import Bound, Case, Effect, Floats, Kind, Rates
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import Bound, Case, Effect, FilmsEffect, Kind, Rates
 from palpate.simulators.planning.plan import Question, plan
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
@@ -43,7 +42,7 @@ from typing import ClassVar
 import numpy as np
 from pydantic import Field
 from palpate.instrument.quantity import Seconds
-from palpate.simulators.physics.stages import FilmsEffect
+from palpate.simulators.physics.effect import FilmsEffect
 
 class WetGlue(FilmsEffect):
     kind: ClassVar = "lti"

@@ -13,7 +13,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.lab.lab import Lab

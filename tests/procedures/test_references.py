@@ -16,7 +16,7 @@ from palpate.instrument.calibration.files import read_calibration, write_calibra
 from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.errors import EstimateError, QuantityError, RangeError, UsageError
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.calibrations import path_of, probable_references

@@ -11,7 +11,7 @@ from scipy.stats import t
 
 import palpate
 from palpate.instrument.errors import RangeError, UsageError
-from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
+from palpate.instrument.findings.film_forces import PRIOR_FREEDOM
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target

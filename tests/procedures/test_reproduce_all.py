@@ -10,16 +10,15 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, EvidencePart, ratio_by
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.harmonics import Distortion
-from palpate.instrument.signals.oscilloscope import ScopeReading
+from palpate.instrument.signals.oscilloscope import Distortion, ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
-from palpate.instrument.uncertainty import propagation
+from palpate.instrument.uncertainty import budget
 from palpate.procedures.measurements.load_cell.report import LoadCellPoint, LoadCellResult
 from palpate.procedures.measurements.loads import LoadPoint, SweepResult, evaluate
 from palpate.procedures.measurements.modulus import ModulusResult
@@ -40,7 +39,7 @@ MEANS = ratio_by("experiment")
 @pytest.fixture(autouse=True)
 def quick(monkeypatch: pytest.MonkeyPatch) -> None:
     """Few trials, and an empty file for each plot."""
-    monkeypatch.setattr(propagation, "TRIALS", 2000)
+    monkeypatch.setattr(budget, "TRIALS", 2000)
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda _figure, path, **_: Path(path).touch())
 
 

@@ -21,7 +21,7 @@ from palpate.instrument.models.evidence import REPEATS, Evidence
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table
-from palpate.instrument.uncertainty import propagation
+from palpate.instrument.uncertainty import budget
 from palpate.procedures.console.terminal import silent
 from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
@@ -91,7 +91,7 @@ def whole(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Whole]:
 
     arrangements = {each.design: each for each in chapter5.ARRANGEMENTS}
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(propagation, "TRIALS", 2000)
+        patch.setattr(budget, "TRIALS", 2000)
         patch.setattr("matplotlib.figure.Figure.savefig", keep)
         patch.setattr(everything, "conduct", found)
         patch.setattr(everything, "recorded", recorded)

@@ -25,8 +25,8 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.description import read_bench
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
-from palpate.instrument.contracts.shaker_amplifier import CONTRACT as AMPLIFIER
+from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY
+from palpate.instrument.contracts.own import SHAKER_AMPLIFIER as AMPLIFIER
 from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.terminal import Progress

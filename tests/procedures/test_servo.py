@@ -14,7 +14,8 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.arrays import Floats
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
@@ -26,7 +27,6 @@ from palpate.procedures.steps.films import SHORT_RECORD
 from palpate.procedures.steps.probe import preload
 from palpate.procedures.steps.servo import PATIENCE, LoadServo
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.linear.lti import Floats
 from tests.procedures.conftest import OFF, happens_in, outputs, sweep
 from tests.shares import first_of
 

@@ -7,8 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.logs.bus_log import RUN
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
+from palpate.drivers.logs.bus_log import RUN, Link, Packet, PcapngWriter
 from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import read_map
 from palpate.procedures.logs import Conversation, read_log

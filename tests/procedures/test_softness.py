@@ -8,7 +8,7 @@ from dataclasses import replace
 import pytest
 
 from palpate.instrument.errors import RangeError
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.springs import ratio_of_modulus
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample

@@ -16,23 +16,19 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.instrument.calibration.classification import ASTM_E74_SIGMAS, WeightRun, lower_limit_factor
 from palpate.instrument.calibration.films import FilmReading, calibrate_films
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.findings.film_forces import film_forces
-from palpate.instrument.findings.load_line import DisplaySeries, LoadLine, displays_u
-from palpate.instrument.findings.mean_ratio import apart
+from palpate.instrument.calibration.load_cell import ASTM_E74_SIGMAS, THESIS_LOAD_CELL, WeightRun, lower_limit_factor
+from palpate.instrument.findings.compression import DisplaySeries, LoadLine, displays_u
+from palpate.instrument.findings.film_forces import apart, film_forces
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, shares_along
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import Floor, dwell_of, floor_u
-from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine
+from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine, mean_power, typical
 from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance
-from palpate.instrument.signals.noise import whittle
-from palpate.instrument.signals.noise_parts import mean_power, typical
-from palpate.instrument.signals.rapid_noise import of_greatest
+from palpate.instrument.signals.noise import of_greatest, whittle
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, Budget, Component, coverage_factor
 from palpate.instrument.uncertainty.interpolation import SIGNIFICANCE, best_degree, interpolate

@@ -9,9 +9,9 @@ import pytest
 from pymodbus.client import ModbusTcpClient
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.source import SignalGenerator
-from palpate.instrument.contracts.signal_generator import CONTRACT as GENERATOR
+from palpate.instrument.contracts.own import SIGNAL_GENERATOR as GENERATOR
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.lab import Lab

@@ -12,7 +12,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.drivers.logs.pcapng import Link, Packet, PcapngWriter
+from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter
 from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.errors import LinkError
 from palpate.procedures.console.terminal import clean, console

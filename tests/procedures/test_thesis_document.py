@@ -9,9 +9,11 @@ from pathlib import Path
 import click
 
 from palpate.instrument.bench.kinds import KINDS
+from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.thesis import contents
 from palpate.procedures.commands.root import palpate as command
 from palpate.procedures.measurements.characterise.report import DEFINITIONS, ELSEWHERE
+from palpate.simulators.effects import EFFECTS
 
 ROOT = Path(__file__).parents[2]
 DOCUMENT = (ROOT / "docs" / "thesis.md").read_text(encoding="utf-8")
@@ -27,13 +29,18 @@ def commands(group: click.Group, above: str = "") -> Iterator[str]:
 
 
 def test_what_the_document_names_exists() -> None:
-    modules = {
-        path.stem
-        for folder in ("simulators/effects", "instrument/sensor/designs")
-        for path in (ROOT / folder).glob("*.py")
-    }
     scenes = {path.stem for path in (ROOT / "simulators" / "scenes").glob("*.toml")}
-    known = {*modules, *scenes, *KINDS, *commands(command), *DEFINITIONS, "palpate reproduce", "pickup", "--budget"}
+    known = {
+        *EFFECTS,
+        *DESIGNS,
+        *scenes,
+        *KINDS,
+        *commands(command),
+        *DEFINITIONS,
+        "palpate reproduce",
+        "pickup",
+        "--budget",
+    }
     named = set(re.findall(r"`([^`]+)`", DOCUMENT))
     assert {name for name in named - known if not (ROOT / name).is_file()} == set()
 

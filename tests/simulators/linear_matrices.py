@@ -7,7 +7,7 @@ from typing import Any
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats
+from palpate.instrument.arrays import Floats
 
 APART = [0.0, 1e-16, 3e-16, 1e-15, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5, 1e-4, 1e-3]  # of their size
 DIGITS = 50

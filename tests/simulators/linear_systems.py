@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import numpy as np
 
-from palpate.simulators.linear.lti import Floats, StateSpace, Times
+from palpate.instrument.arrays import Floats, Times
+from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 
 SECOND = 1_000_000_000

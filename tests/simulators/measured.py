@@ -8,18 +8,17 @@ from dataclasses import replace
 
 import numpy as np
 
-from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.arrays import Floats
+from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects.adc import Adc
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from palpate.simulators.physics.effect import Effect
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.physics.effect import Effect, InputEffect
 from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 PERIOD_NS = round(1e9 / RATE)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds import bound_of
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.physics.effect import Bound, Effect
 from palpate.simulators.planning.plan import Question, case_of

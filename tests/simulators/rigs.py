@@ -10,7 +10,7 @@ from palpate.instrument.models import springs
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.linear.periodic import HERTZ, Periodic
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import RigParameters, Scene
 
 MS = 1_000_000

@@ -9,13 +9,12 @@ from typing import cast
 import numpy as np
 import pytest
 
-from palpate.simulators.bounds.changes import _gains, _least
-from palpate.simulators.bounds.sides import Side
+from palpate.instrument.arrays import Floats
+from palpate.simulators.bounds import Side, _gains, _least
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.effects.white_noise import WhiteNoise
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.effect import Bound
 from palpate.simulators.planning.plan import Question
 from tests.simulators.measured import changes

@@ -13,11 +13,11 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import acquire
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.contracts.sensor_node import bus_load, place, stuff_bits
+from palpate.instrument.contracts.own import bus_load, place, stuff_bits
 from palpate.instrument.errors import LinkError
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.bounds.changes import bound_of
+from palpate.simulators.bounds import bound_of
 from palpate.simulators.effects.can_timing import CanTiming
 from palpate.simulators.effects.serial_timing import SerialTiming
 from palpate.simulators.physics.effect import Bound, Case, Effect

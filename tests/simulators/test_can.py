@@ -8,14 +8,14 @@ import can
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.instrument.contracts.own import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.errors import DeviceError, LinkError
 from palpate.procedures.testing.wire import frames, payloads
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.can_segment import CanSegment
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 
 BOOT_UP, PRE_OPERATIONAL, OPERATIONAL, STOPPED = b"\x00", b"\x7f", b"\x05", b"\x04"

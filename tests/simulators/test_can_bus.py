@@ -10,8 +10,7 @@ import numpy as np
 import pytest
 from can.interfaces.virtual import VirtualBus
 
-from palpate.instrument.bench.can_block import Block, take_blocks
-from palpate.instrument.bench.links import MULTICAST
+from palpate.instrument.bench.links import MULTICAST, Block, take_blocks
 from palpate.instrument.errors import BenchError
 from palpate.simulators.wire import can_bus
 from palpate.simulators.wire.can_bus import hand_over, open_bus, own_channel

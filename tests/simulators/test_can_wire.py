@@ -8,7 +8,7 @@ import can
 import pytest
 
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.devices.sensor_node import CONTRACT
+from palpate.simulators.devices.sensor_node import SENSOR_NODE
 
 REQUEST, ANSWER, HEARTBEAT, NMT, SYNC = 0x601, 0x581, 0x701, 0x000, 0x080
 START, STOP, PREPARE, RESET_NODE, RESET_COMMUNICATION = 0x01, 0x02, 0x80, 0x81, 0x82
@@ -64,7 +64,7 @@ def master(sim: SimulatedBench) -> Iterator[Master]:
 
 def written(name: str, raw: int, size: int | None = None) -> str:
     """An expedited write of an object, of its own size or another."""
-    field = CONTRACT[name]
+    field = SENSOR_NODE[name]
     length = field.size if size is None else size
     command = 0x23 | (4 - length) << 2
     return (
@@ -100,7 +100,7 @@ def test_an_unknown_command_is_aborted(master: Master) -> None:
 
 
 def test_an_object_above_four_bytes_comes_in_segments(master: Master) -> None:
-    name = str(CONTRACT["device_name"].default).encode()
+    name = str(SENSOR_NODE["device_name"].default).encode()
     assert master.ask("40 08 10 00 00 00 00 00") == "41081000" + len(name).to_bytes(4, "little").hex()
     assert master.ask("60 00 00 00 00 00 00 00") == "00" + name[:7].hex()
     rest = name[7:]
@@ -123,10 +123,10 @@ def test_an_object_can_be_written_in_segments(master: Master) -> None:
 
 
 def test_the_mapping_of_the_process_data_can_be_read(master: Master) -> None:
-    for number, pdo in enumerate(CONTRACT.pdos):
+    for number, pdo in enumerate(SENSOR_NODE.pdos):
         assert master.ask(f"40 {number:02x} 1a 00 00 00 00 00")[8:10] == f"{len(pdo.fields):02x}"
         for sub, name in enumerate(pdo.fields, 1):
-            field = CONTRACT[name]
+            field = SENSOR_NODE[name]
             mapped = field.index << 16 | field.subindex << 8 | 8 * field.size
             assert master.ask(f"40 {number:02x} 1a {sub:02x} 00 00 00 00")[8:] == mapped.to_bytes(4, "little").hex()
 

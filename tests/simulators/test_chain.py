@@ -11,14 +11,13 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear import path as path_module
-from palpate.simulators.linear.lti import Floats, gain
+from palpate.simulators.linear.lti import gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import MeasuringChain
-from palpate.simulators.physics.mechanics import INPUTS
-from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import INPUTS, Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())

@@ -10,15 +10,15 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.viscoelastic import Viscoelastic
-from palpate.simulators.linear.lti import Floats, StateSpace, gain
+from palpate.simulators.linear.lti import StateSpace, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import MeasuringChain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 from palpate.simulators.planning.plan import followed
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0

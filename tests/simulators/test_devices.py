@@ -7,7 +7,7 @@ from collections.abc import Callable
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import Recording
 from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.sensor_node import SYNC_COB_ID, SYNC_PRODUCER
+from palpate.instrument.contracts.own import SYNC_COB_ID, SYNC_PRODUCER
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene

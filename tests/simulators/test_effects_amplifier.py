@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.clock import NEVER, VirtualClock
 from palpate.simulators.effects import humidity_leak
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.humidity_leak import HumidityLeak
 from palpate.simulators.effects.voltage_amplifier import VoltageAmplifier
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.effect import Effect
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 DISC, SQUARE, CABLE = 26e-12, 425e-12, 100e-12

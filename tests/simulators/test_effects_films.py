@@ -9,9 +9,9 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.designs.array import MOST, array_of
+from palpate.instrument.sensor.designs import MOST, array_of, get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
@@ -20,10 +20,9 @@ from palpate.simulators.effects.glue_clamping import GlueClamping
 from palpate.simulators.effects.off_axis import OffAxis
 from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.effects.triboelectric import Triboelectric
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 ANY = Stream(1, "any")

@@ -11,10 +11,10 @@ from fractions import Fraction
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators import randomness
-from palpate.simulators.bounds.changes import bound_of
-from palpate.simulators.bounds.fits import fitted
+from palpate.simulators.bounds import bound_of, fitted
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects.adc import Adc
@@ -28,12 +28,10 @@ from palpate.simulators.effects.mains_hum import MainsHum
 from palpate.simulators.effects.mounting_scatter import MountingScatter
 from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
-from palpate.simulators.linear.lti import Times
-from palpate.simulators.physics.effect import Bound, Case, Effect, Floats
-from palpate.simulators.physics.stages import InputEffect
+from palpate.simulators.physics.effect import Bound, Case, Effect, InputEffect
 from palpate.simulators.planning.plan import Question, case_of, driven, sampled
 from palpate.simulators.randomness import BLOCK, Stream
-from palpate.simulators.rig.rig import Rig, RigLoadCell
+from palpate.simulators.rig import Rig, RigLoadCell
 from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 

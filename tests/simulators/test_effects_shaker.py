@@ -10,6 +10,7 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models import springs
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
@@ -21,13 +22,12 @@ from palpate.simulators.effects.frequency_error import FrequencyError
 from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
 from palpate.simulators.effects.viscoelastic import PRONY, Viscoelastic
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import HERTZ
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.plan import driven as measured
 from palpate.simulators.planning.plan import phasors as settled
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0

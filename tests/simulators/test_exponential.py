@@ -10,13 +10,12 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects.pyroelectric import Pyroelectric
 from palpate.simulators.linear.crossing import measure_of
-from palpate.simulators.linear.exponential import Doublings, exponential
-from palpate.simulators.linear.free_motion import BLOCK, FreeMotion
-from palpate.simulators.linear.lti import Floats
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.linear.free_motion import BLOCK, Doublings, FreeMotion, exponential
+from palpate.simulators.rig import Rig
 from tests.simulators import linear_matrices, rigs
 from tests.simulators.linear_matrices import APART, chain, question, worst
 

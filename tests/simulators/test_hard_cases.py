@@ -14,7 +14,8 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.instrument.contracts import sensor_node, strain_indicator
+from palpate.instrument.arrays import Floats
+from palpate.instrument.contracts.own import SENSOR_NODE, STRAIN_INDICATOR
 from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
@@ -23,11 +24,10 @@ from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.crosstalk import Crosstalk
 from palpate.simulators.linear import bouc_wen
 from palpate.simulators.linear.integrators import first_order_hold
-from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass, gain
+from palpate.simulators.linear.lti import StateSpace, first_order_low_pass, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import MeasuringChain
-from palpate.simulators.physics.parts import Armature, Limits, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 from palpate.simulators.randomness import Stream
 
 MS = 1_000_000
@@ -58,14 +58,14 @@ def test_a_clock_of_floats_stands_still_where_integer_nanoseconds_go_on() -> Non
 def test_a_counter_in_single_precision_sticks_where_the_node_counts_on() -> None:
     sticks = 2**24
     assert np.float32(sticks) + np.float32(1) == np.float32(sticks)
-    contract = sensor_node.CONTRACT
+    contract = SENSOR_NODE
     for count in (sticks, sticks + 1, 2**32 - 1):
         assert contract.decode("sample_counter", count.to_bytes(4, "little")) == count
 
 
 def test_a_load_that_a_16_bit_register_turns_negative_is_carried_as_it_is() -> None:
     assert np.array(40_000).astype(np.int16) == -25_536  # 40 N in mN
-    contract = strain_indicator.CONTRACT
+    contract = STRAIN_INDICATOR
     field = next(f.name for f in contract.fields if f.type == "float32" and f.name.startswith("reading"))
     assert contract.decode(field, contract.encode(field, 40.0)) == 40.0
 
@@ -151,7 +151,7 @@ def test_what_is_not_finite_is_refused_where_comparisons_let_it_pass(wrong: floa
     with pytest.raises(ValueError, match="is not a quantity"):
         ChargeAmplifier.model_validate({"time_constant": f"{wrong} s"})
     with pytest.raises(RangeError):
-        sensor_node.CONTRACT.encode("sync_period", wrong)
+        SENSOR_NODE.encode("sync_period", wrong)
     with pytest.raises(EstimateError, match="1 in channel 0"):
         fit_sine(np.arange(100) * 1e-3, np.append(np.ones(99), wrong)[np.newaxis], 10.0)
 

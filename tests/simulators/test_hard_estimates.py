@@ -7,18 +7,18 @@ import math
 import numpy as np
 import pytest
 
-from palpate.instrument.contracts import sensor_node
+from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.parameter_sets import PHYSICAL
+from palpate.instrument.models.parameters import PHYSICAL
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import MS, scene
 
 
@@ -56,7 +56,7 @@ def test_a_time_in_single_precision_is_off_by_seconds_where_number_and_period_gi
     number, period_ns = 31_557_601, SECOND + 1  # samples a second apart, and a nanosecond
     time_ns = number * period_ns
     assert abs(float(np.float32(time_ns / SECOND)) - time_ns / SECOND) > 0.5
-    contract = sensor_node.CONTRACT
+    contract = SENSOR_NODE
     counted = contract.decode("sample_counter", contract.encode("sample_counter", number))
     assert int(counted) * period_ns == time_ns
     drive = Periodic(0.0, 10 * HERTZ, 0, 0, np.array([1]), np.array([-1j]))

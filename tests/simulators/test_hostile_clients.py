@@ -11,15 +11,15 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.source import SignalGenerator
+from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.contracts.field import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire import modbus_server
-from palpate.simulators.wire.modbus_server import MOST_CONNECTIONS
+from palpate.simulators.wire import modbus
+from palpate.simulators.wire.modbus import MOST_CONNECTIONS
 
 READ = bytes.fromhex("03 0000 0002")
 
@@ -95,7 +95,7 @@ def test_one_client_too_many_is_refused_and_the_others_stay(address: TcpLink, ow
 def test_clients_that_have_asked_once_and_idle_make_room_the_longest_silent_first(
     address: TcpLink, own: SignalGenerator, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(modbus_server, "IDLE", 0.0)
+    monkeypatch.setattr(modbus, "IDLE", 0.0)
     assert served(own)
     with clients(address, MOST_CONNECTIONS - 1, framed(READ)) as many, contextlib.ExitStack() as stack:
         assert all(client.recv(100) for client in many)
@@ -126,7 +126,7 @@ def test_a_client_that_leaves_its_answers_unread_is_cut(
     assert served(own)
     with monkeypatch.context() as patch, clients(address, 1, framed(READ)) as (client,):
         assert client.recv(1)  # the server is done with the bench's own client by now
-        patch.setattr(modbus_server, "UNREAD", -1)  # sockets take megabytes before anything waits
+        patch.setattr(modbus, "UNREAD", -1)  # sockets take megabytes before anything waits
         client.sendall(framed(READ) * 100)
         answers = 0
         while not ended(client):

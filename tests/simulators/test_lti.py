@@ -9,7 +9,8 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_high_pass, first_order_low_pass
+from palpate.instrument.arrays import Floats, Times
+from palpate.simulators.linear.lti import StateSpace, first_order_high_pass, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import SECOND, output, random_system, rich, sine
 

@@ -15,7 +15,7 @@ from pymodbus.framer import FramerRTU
 from palpate.instrument.contracts.field import PROBE
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire import modbus_server
+from palpate.simulators.wire import modbus
 
 LOST = 40  # requests after rubbish on a line, at most: 320 bytes
 
@@ -102,8 +102,8 @@ def test_both_codecs_give_the_same_answers_to_a_thousand_requests_good_and_bad(
 ) -> None:
     """Private, because nobody else chooses a codec."""
     answers = []
-    for functions in (modbus_server.THIN, frozenset[int]()):
-        monkeypatch.setattr(modbus_server, "THIN", functions)
+    for functions in (modbus.THIN, frozenset[int]()):
+        monkeypatch.setattr(modbus, "THIN", functions)
         with SimulatedBench(scene) as simulated:
             address = simulated.description.links["signal_generator"]
             with socket.create_connection((address.host, address.port), timeout=5) as connected:

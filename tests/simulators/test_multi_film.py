@@ -11,7 +11,7 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.sensor_node import acquire
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.contracts.sensor_node import place
+from palpate.instrument.contracts.own import place
 from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench

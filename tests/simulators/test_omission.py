@@ -10,7 +10,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.simulators.bounds.sides import sides
+from palpate.simulators.bounds import sides
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
 from palpate.simulators.effects.frequency_error import FrequencyError
@@ -24,8 +24,7 @@ from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.periodic import CYCLE, SECOND
 from palpate.simulators.physics.dwells import begun, touched
-from palpate.simulators.physics.effect import Bound, Effect
-from palpate.simulators.physics.in_order import Effects
+from palpate.simulators.physics.effect import Bound, Effect, Effects
 from palpate.simulators.planning.plan import Question, case_of, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene

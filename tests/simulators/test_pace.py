@@ -9,7 +9,7 @@ import pytest
 
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.wire.pace import LATE, MOST, PIECE, Pacer
+from palpate.simulators.wire.loop import LATE, MOST, PIECE, Pacer
 
 READ = bytes.fromhex("0007 0000 0006 01 03 0000 0002")  # of the word-order probe
 

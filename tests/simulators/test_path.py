@@ -9,11 +9,12 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.crossing import NEVER, CrossingWatch, Signal
-from palpate.simulators.linear.lti import Floats, StateSpace, Times, first_order_low_pass
-from palpate.simulators.linear.mode import Guard, Mode
+from palpate.simulators.linear.cycle import Guard, Mode
+from palpate.simulators.linear.lti import StateSpace, first_order_low_pass
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, SECOND, Periodic
 

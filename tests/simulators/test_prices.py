@@ -9,16 +9,15 @@ from collections.abc import Iterator
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.notice import notices_to
 from palpate.simulators.linear.free_motion import free_motion
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.path import forget
-from palpate.simulators.planning import prices
+from palpate.simulators.planning import weights
 from palpate.simulators.planning.plan import Question
-from palpate.simulators.planning.prices import FEWEST, PriceLine, digits, line, timed
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import films_sampled
-from palpate.simulators.planning.weights import leaving_out
+from palpate.simulators.planning.weights import FEWEST, PriceLine, digits, leaving_out, line, timed
 from palpate.simulators.scenes.scene import Scene
 
 DWELLS = np.array([1.0, 10.0, 40.0, 100.0])
@@ -79,7 +78,7 @@ class Machine:
 @pytest.fixture
 def machine(request: pytest.FixtureRequest, monkeypatch: pytest.MonkeyPatch) -> Iterator[Machine]:
     found = Machine(request.param)
-    monkeypatch.setattr(prices, "films_sampled", found.sample)
+    monkeypatch.setattr(weights, "films_sampled", found.sample)
     monkeypatch.setattr(time, "process_time", lambda: found.now)
     monkeypatch.setattr(time, "monotonic", lambda: found.wall)
     yield found

@@ -13,13 +13,13 @@ import numpy.typing as npt
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models import experiment
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import effect_class
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.linear.periodic import CYCLE, HERTZ
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
 
 Times = npt.NDArray[np.int64]

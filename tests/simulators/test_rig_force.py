@@ -5,11 +5,11 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
-from palpate.simulators.linear.lti import Floats
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, pressed, scene, share, waveform
 
 

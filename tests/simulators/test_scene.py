@@ -17,18 +17,16 @@ from numpy.typing import NDArray
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName, UsageError
 from palpate.instrument.models import price_list
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.parameter_sets import get_parameter_set
-from palpate.instrument.models.parameters import RoundParameters
+from palpate.instrument.models.parameters import RoundParameters, get_parameter_set
 from palpate.instrument.models.price_list import ModelChoice
 from palpate.instrument.models.response import response
 from palpate.instrument.quantity import parse
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.instrument.sensor.sample import SAMPLES, Load, get_sample
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.planning.settle import read_scene, with_model
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 

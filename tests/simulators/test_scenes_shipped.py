@@ -9,16 +9,16 @@ from pathlib import Path
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, effect_class
-from palpate.simulators.linear.lti import Floats
-from palpate.simulators.physics.in_order import Effects
+from palpate.simulators.physics.effect import Effects
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import Scene
 

@@ -9,6 +9,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.validation import validate
 from palpate.instrument.sensor.sample import SAMPLES
@@ -19,12 +20,11 @@ from palpate.simulators.effects.hysteresis import Hysteresis
 from palpate.simulators.effects.mounting_scatter import MountingScatter
 from palpate.simulators.effects.triboelectric import Triboelectric
 from palpate.simulators.effects.viscoelastic import Viscoelastic
-from palpate.simulators.linear.lti import Floats
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question, case_of
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.measured import changes
 from tests.simulators.omitted import beside, bounded
 from tests.simulators.random_scenes import drawn

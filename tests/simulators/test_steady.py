@@ -10,14 +10,14 @@ import numpy as np
 import pytest
 import scipy
 
+from palpate.instrument.arrays import Complexes, Floats
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.effects import EFFECTS
 from palpate.simulators.effects.hysteresis import Hysteresis
-from palpate.simulators.linear.lti import Complexes, Floats
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.plan import Question, driven, followed, phasors, steady_state
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
 from tests.simulators.rigs import scene
 from tests.simulators.strong import STRONG

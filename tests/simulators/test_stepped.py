@@ -15,7 +15,7 @@ import palpate
 from palpate.drivers.bench import Bench
 from palpate.drivers.roles import LoadIndicator
 from palpate.instrument.contracts.field import PROBE
-from palpate.simulators.devices.source import SimulatedSignalGenerator
+from palpate.simulators.devices.exciter import SimulatedSignalGenerator
 
 DEVICES = ("signal_generator", "strain_indicator", "sensor_node_1")  # on TCP, on the line, on CAN
 

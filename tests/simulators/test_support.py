@@ -9,8 +9,7 @@ from palpate.instrument.errors import BenchError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.rig.assembly import SUPPORT_STIFFNESS
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import SUPPORT_STIFFNESS, Rig
 from tests.simulators.rigs import BALANCE, scene
 
 SUSPENSION = 1000.0  # N/m

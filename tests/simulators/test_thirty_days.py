@@ -9,7 +9,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.linear.periodic import HERTZ
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.rig.rig import Rig
+from palpate.simulators.rig import Rig
 from tests.simulators.rigs import MS, SECOND, pressed
 
 pytestmark = pytest.mark.slow

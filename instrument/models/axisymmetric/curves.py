@@ -17,9 +17,9 @@ from typing import TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.models.axisymmetric.mesh import (
     AXIAL,
-    RADIAL,
     AxisymmetricBody,
     BodyElements,
     Grid,
@@ -34,15 +34,22 @@ from palpate.instrument.models.axisymmetric.mesh import (
     within,
 )
 from palpate.instrument.models.finite_elements import elements as el
-from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, extrapolated
-from palpate.instrument.models.finite_elements.kept import keep
-from palpate.instrument.models.finite_elements.poles import Curve, Sensor, capacitance, charge, curve
-from palpate.instrument.models.finite_elements.work import single
+from palpate.instrument.models.finite_elements.elimination import (
+    Condensed,
+    ElementSystem,
+    condense,
+    extrapolated,
+    extrapolated_number,
+)
+from palpate.instrument.models.finite_elements.poles import Curve, Sensor, capacitance, curve
+from palpate.instrument.models.finite_elements.work import keep, single
 from palpate.instrument.models.parameters import RoundParameters
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 Number = TypeVar("Number", bound=np.generic)
+
+# glibc gives freed arrays back to the system and gets them again page by page, until an array as large as this one has
+# been freed.
+np.empty(4_000_000)
 
 # --- displacements over every body, and the pressure on the sensor's face --------------------------------
 
@@ -59,10 +66,10 @@ class DisplacementField:
         radial, axial: displacements [m], (columns, rows).
     """
 
-    radius: Array
-    height: Array
-    radial: Array
-    axial: Array
+    radius: Floats
+    height: Floats
+    radial: Floats
+    axial: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -79,36 +86,18 @@ class FacePressure:
         reach: radius of the tooth [m].
     """
 
-    radius: Array
-    pressure: Array
-    area: Array
+    radius: Floats
+    pressure: Floats
+    area: Floats
     reach: float
-
-    @property
-    def tooth_force(self) -> float:
-        """Force on the tooth: integral of the pressure [N]."""
-        return float((self.pressure * self.area)[self.radius < self.reach].sum())
-
-    @property
-    def force(self) -> float:
-        """Force on the whole face: integral of the pressure [N]."""
-        return float((self.pressure * self.area).sum())
 
 
 @dataclass(frozen=True, slots=True)
-class OnMesh:
-    """Solution on the mesh: displacements, and forces on nodes per radian, of each element (elements, 2 (p + 1)^2)."""
+class RoundSection:
+    """What a picture of the sensor shows: displacements of each body by its name, and the pressure on the face."""
 
-    parameters: RoundParameters
-    mesh: Grid
-    r: el.LineIntegrals
-    parts: dict[str, BodyElements]
-    displacements: Array
-    internal: Array
-
-    def forces(self, body: str) -> Array:
-        """Forces [N] of a body over the whole circle: (columns, rows, axis, radial shape, axial shape)."""
-        return 2 * math.pi * on(self.internal, self.parts[body])
+    fields: dict[str, DisplacementField]
+    face: FacePressure
 
 
 def on(local: NDArray[Number], part: BodyElements) -> NDArray[Number]:
@@ -117,38 +106,35 @@ def on(local: NDArray[Number], part: BodyElements) -> NDArray[Number]:
     return local[part.elements].reshape(len(part.columns), len(part.rows), 2, shapes, shapes)
 
 
-def displacements(at: OnMesh) -> dict[str, DisplacementField]:
-    """Displacement field of every body, by its name."""
+def displacements(
+    mesh: Grid, r: el.LineIntegrals, bodies: Sequence[BodyElements], moved: Floats
+) -> dict[str, DisplacementField]:
+    """Displacement field of every body, by its name, from the displacements (elements, 2 (p + 1)^2) of all elements."""
     points = np.linspace(0, 1, POINTS)
-    shapes, _ = el.shape_functions(at.r.dofs.shape[1] - 1, points)
+    shapes, _ = el.shape_functions(r.dofs.shape[1] - 1, points)
 
-    def along(lines: Array, intervals: Indices) -> Array:
+    def along(lines: Floats, intervals: Indices) -> Floats:
         return (lines[intervals][:, None] + np.diff(lines)[intervals][:, None] * points).ravel()
 
     found = {}
-    for name, part in at.parts.items():
-        sampled = np.einsum("xyckl,ki,lj->cxiyj", on(at.displacements, part), shapes, shapes, optimize=True)
-        radius, height = np.meshgrid(
-            along(at.mesh.radii, part.columns), along(at.mesh.heights, part.rows), indexing="ij"
-        )
+    for part in bodies:
+        sampled = np.einsum("xyckl,ki,lj->cxiyj", on(moved, part), shapes, shapes, optimize=True)
+        radius, height = np.meshgrid(along(mesh.radii, part.columns), along(mesh.heights, part.rows), indexing="ij")
         radial, axial = sampled.reshape(2, *radius.shape)
-        found[name] = DisplacementField(radius, height, radial, axial)
+        found[part.body.name] = DisplacementField(radius, height, radial, axial)
     return found
 
 
-def face(at: OnMesh) -> FacePressure:
-    """Pressure on the face, from the object's forces on the shape functions of its lower side."""
-    p, dofs = at.parameters, at.r.dofs
+def face(p: RoundParameters, mesh: Grid, dofs: Indices, forces: Floats) -> FacePressure:
+    """Pressure on the face, from the forces of the object on the shape functions of its lower side [N]."""
     outer = min(p.ring_outer_radius, p.sensed_radius)
     touching = np.concatenate(
-        [inside(at.mesh.radii, part) for part in ((0.0, p.tooth_radius), (p.ring_inner_radius, outer))]
+        [inside(mesh.radii, part) for part in ((0.0, p.tooth_radius), (p.ring_inner_radius, outer))]
     )
-    forces = np.zeros(dofs.max() + 1)
-    np.add.at(forces, dofs[at.parts["object"].columns], at.forces("object")[:, 0, AXIAL, :, 0])
-    return face_pressure(at.mesh, dofs, touching, forces, p.tooth_radius)
+    return face_pressure(mesh, dofs, touching, forces, p.tooth_radius)
 
 
-def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, reach: float) -> FacePressure:
+def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Floats, reach: float) -> FacePressure:
     """The pressure whose work on every shape function of the face is that of the nodal forces.
 
     Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey, Chow and
@@ -176,7 +162,7 @@ def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Array, r
     return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)
 
 
-def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tuple[Array, Array, Array]:
+def _quadrature(radii: Floats, intervals: Indices, degree: int, count: int) -> tuple[Floats, Floats, Floats]:
     """Shape functions (degree + 1, count), radii [m] and areas [m2] (intervals, count) at Gauss points."""
     points, weights = np.polynomial.legendre.leggauss(count)
     width = np.diff(radii)[intervals][:, None]
@@ -185,10 +171,10 @@ def _quadrature(radii: Array, intervals: Indices, degree: int, count: int) -> tu
     return shapes, radius, math.pi * radius * width * weights
 
 
-# --- loads on the elements, and forces, stresses and charges that follow from a solution -----------------
+# --- loads on the elements, and what they do to the stresses of films ------------------------------------
 
 
-def pressing(r: el.LineIntegrals, part: BodyElements) -> Array:
+def pressing(r: el.LineIntegrals, part: BodyElements) -> Floats:
     """Forces of 1 N, spread evenly over the top of the object, per radian: (elements of the object, n)."""
     shapes = r.dofs.shape[1]
     load = np.zeros((len(part.columns), len(part.rows), 2, shapes, shapes))
@@ -197,48 +183,12 @@ def pressing(r: el.LineIntegrals, part: BodyElements) -> Array:
     return load.reshape(len(part), -1)
 
 
-def charging(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> Array:
+def charging(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> Floats:
     """Forces of a film under 1 V, against its voltage, per radian: (elements of the film, n)."""
     assert part.body.film is not None
     low, high = part.body.heights
     _, stress, _ = part.body.film.stiff()
     return el.polarised(r, z, part.columns, part.rows, stress[0] / (high - low), stress[2] / (high - low))
-
-
-def counts_above(parameters: RoundParameters) -> bool:
-    """Whether the tooth's force is taken above the tooth, not below.
-
-    The softer side is more exact, since forces in a stiff section are differences of large displacements.
-    """
-    return parameters.support == "rigid" or parameters.sensed_modulus < parameters.film.modulus
-
-
-def below(at: OnMesh, name: str) -> Array:
-    """Forces (columns, 2) on the vertices below a body [N]."""
-    return at.forces(name)[:, 0, AXIAL, :2, 0]
-
-
-def over_tooth(at: OnMesh) -> float:
-    """Force of the object on the tooth [N]."""
-    vertices = at.r.dofs[at.parts["object"].columns][:, :2]
-    return float(below(at, "object")[within(at.parameters.tooth_radius, at.mesh, at.r)[vertices]].sum())
-
-
-def stresses(at: OnMesh, body: AxisymmetricBody) -> tuple[float, float]:
-    """Mean stresses [Pa] in the plane and along the axis, by virtual work of the displacements r and z."""
-    mesh, part, forces = at.mesh, at.parts[body.name], at.forces(body.name)
-    radius = np.stack([mesh.radii[part.columns], mesh.radii[part.columns + 1]], axis=1)
-    height = np.stack([mesh.heights[part.rows], mesh.heights[part.rows + 1]], axis=1) - body.heights[0]
-    plane = np.einsum("xyab,xa->", forces[:, :, RADIAL, :2, :2], radius)
-    normal = np.einsum("xyab,yb->", forces[:, :, AXIAL, :2, :2], height)
-    return float(plane) / body.volume / 2, float(normal) / body.volume
-
-
-def charge_of(at: OnMesh, body: AxisymmetricBody) -> float:
-    """Charge that leaves a short-circuited film [C]."""
-    assert body.film is not None
-    plane, normal = stresses(at, body)
-    return charge(body.film, body.area, plane, plane, normal)
 
 
 def capacitance_of(body: AxisymmetricBody) -> float:
@@ -247,7 +197,7 @@ def capacitance_of(body: AxisymmetricBody) -> float:
     return capacitance(body.film, body.area, body.heights[1] - body.heights[0])
 
 
-def stressing(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> tuple[Array, Array]:
+def stressing(r: el.LineIntegrals, z: el.LineIntegrals, part: BodyElements) -> tuple[Floats, Floats]:
     """Forces (elements of the film, n) per radian whose work is what strains add to the film's mean stresses.
 
     These are the stress in the plane and that along the axis.
@@ -299,30 +249,20 @@ def kept_curve(parameters: RoundParameters, degree: int, layers: int, mixed: boo
 @single()
 def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> Curve:
     """Compute what `curve_on` gives, without looking for a kept curve and without keeping it."""
-    mesh = grid(replace(parameters, sensed_modulus=1.0), layers)
-    r, z = el.line(mesh.radii, degree, radial=True), el.line(mesh.heights, degree, radial=False)
-    bodies = parts(mesh)
-    unknowns, size = (numbering := number(parameters, mesh, r, z, bodies)).unknowns, numbering.size
-    films = [part for part in bodies if part.body.film is not None]
-    forces = [(film, charging(r, z, film)) for film in films]
-    forces += [(film, by) for film in films for by in stressing(r, z, film)]
-    sensed = _Side(r, z, bodies[:1], unknowns, size, mixed, [(bodies[0], pressing(r, bodies[0]))])
-    sensor = _Side(r, z, bodies[1:], unknowns, size, mixed, forces)
-    contact = sensed.touched & sensor.touched
-
+    of = _Model(parameters, degree, layers, mixed)
     # The shape functions of the object's vertices on the face add up to 1.
-    vertices = on(unknowns, bodies[0])[:, 0, AXIAL, :2, 0]
-    over = within(parameters.tooth_radius, mesh, r)[r.dofs[bodies[0].columns][:, :2]]
+    vertices = on(of.unknowns, of.bodies[0])[:, 0, AXIAL, :2, 0]
+    over = within(parameters.tooth_radius, of.mesh, of.r)[of.r.dofs[of.bodies[0].columns][:, :2]]
 
-    def raised(places: NDArray[np.bool_]) -> Array:
-        displacement = np.zeros(size + 1)
+    def raised(places: NDArray[np.bool_]) -> Floats:
+        displacement = np.zeros(of.size + 1)
         displacement[vertices[places]] = 1.0
-        return displacement[:-1][contact]
+        return displacement[:-1][of.contact]
 
-    felt, pressed = sensor.condensed(contact), sensed.condensed(contact)
-    rigid, count = parameters.support == "rigid", len(films)
-    found = Sensor(felt, slice(0, count), np.array([capacitance_of(film.body) for film in films]))
-    volts = np.array([stress_by_voltage(film.body) for film in films]).reshape(count, 1, 2)
+    felt, pressed = of.sensor.condensed(of.contact), of.sensed.condensed(of.contact)
+    rigid, count = parameters.support == "rigid", len(of.films)
+    found = of.opened(felt)
+    volts = np.array([stress_by_voltage(film.body) for film in of.films]).reshape(count, 1, 2)
     # A rigid tooth carries what the ring does not.
     jump = raised(~over) if rigid else -raised(over)
     return curve(
@@ -336,26 +276,93 @@ def found_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     )
 
 
+@single()
+def section(parameters: RoundParameters, degree: int, layers: int) -> RoundSection:
+    """Displacements and pressure for a force of 1 N that is spread evenly over the object.
+
+    Raises:
+        EstimateError: a stiffness is not positive definite to working precision.
+    """
+    of, modulus = _Model(parameters, degree, layers), parameters.sensed_modulus
+    body, dofs = of.bodies[0], of.r.dofs
+
+    def solved(added: float) -> Floats:
+        """Displacements of all unknowns, then forces on the shape functions of the object's lower side."""
+        felt, pressed = (side.condensed_at(of.contact, added, remembers=True) for side in (of.sensor, of.sensed))
+        sensor = of.opened(felt)
+        stiffness = sensor.stiffness + modulus * pressed.stiffness
+        moved = np.asarray(np.linalg.solve(stiffness, pressed.loads[:, 0]), dtype=np.float64)
+        factors = np.zeros(felt.loads.shape[1])
+        factors[: len(of.films)] = -sensor.capacity @ (sensor.charges.T @ moved)
+        displacement = np.zeros(of.size + 1)
+        for side, what, factor in ((of.sensor, felt, factors), (of.sensed, pressed, np.array([1 / modulus]))):
+            assert what.inside is not None
+            displacement[:-1][side.touched] = what.inside(moved, factor)
+        local = displacement[of.unknowns[body.elements]]
+        internal = modulus * np.matmul(of.sensed.matrices(added), local[:, :, None])[:, :, 0]
+        forces = np.zeros(dofs.max() + 1)
+        np.add.at(forces, dofs[body.columns], on(internal, body)[:, 0, AXIAL, :, 0])
+        return np.concatenate([displacement, forces])
+
+    keeps = any(keeps_volume(part.body) for part in of.bodies)
+    found = extrapolated_number(solved, ADDED) if keeps else solved(0.0)
+    displacement, forces = np.split(found, [of.size + 1])
+    fields = displacements(of.mesh, of.r, of.bodies, displacement[of.unknowns])
+    return RoundSection(fields, face(parameters, of.mesh, dofs, forces))
+
+
+class _Model:
+    """The sensor and the object on a mesh, with a modulus of the object of 1 Pa.
+
+    Attributes:
+        mesh: the grid.
+        r, z: integrals over the radius and over the height.
+        bodies: elements of each body, the object first.
+        films: those of the films.
+        unknowns: (elements, n), numbers of the unknowns of all elements.
+        size: number of unknowns, and the number of those that are fixed.
+        sensed, sensor: both sides of the contact.
+        contact: (size,), whether an unknown belongs to both.
+    """
+
+    def __init__(self, parameters: RoundParameters, degree: int, layers: int, mixed: bool = True) -> None:
+        self.mesh = grid(replace(parameters, sensed_modulus=1.0), layers)
+        self.r = el.line(self.mesh.radii, degree, radial=True)
+        self.z = el.line(self.mesh.heights, degree, radial=False)
+        self.bodies = parts(self.mesh)
+        self.films = [part for part in self.bodies if part.body.film is not None]
+        self.unknowns, self.size = number(parameters, self.mesh, self.r, self.z, self.bodies)
+        forces = [(film, charging(self.r, self.z, film)) for film in self.films]
+        forces += [(film, by) for film in self.films for by in stressing(self.r, self.z, film)]
+        on_mesh = self.r, self.z, self.unknowns, self.size, mixed
+        body = self.bodies[0]
+        self.sensed = _Side(*on_mesh, [body], [(body, pressing(self.r, body))])
+        self.sensor = _Side(*on_mesh, self.bodies[1:], forces)
+        self.contact = self.sensed.touched & self.sensor.touched
+
+    def opened(self, felt: Condensed) -> Sensor:
+        """The sensor with open films, from what is left of it with these in short circuit."""
+        return Sensor(felt, slice(0, len(self.films)), np.array([capacitance_of(film.body) for film in self.films]))
+
+
 @dataclass(frozen=True, slots=True)
 class _Side:
     """Parts on one side of the contact, and forces on them per radian.
 
     Attributes:
-        r, z: integrals over the radius and over the height.
-        parts: the parts.
-        unknowns: (elements, n), numbers of the unknowns of all elements.
-        size: number of unknowns, and the number of those that are fixed.
+        r, z, unknowns, size: as in `_Model`.
         mixed: whether bodies may keep their pressure as an unknown.
+        parts: the parts.
         forces: parts, each with forces on its elements.
     """
 
     r: el.LineIntegrals
     z: el.LineIntegrals
-    parts: Sequence[BodyElements]
     unknowns: Indices
     size: int
     mixed: bool
-    forces: Sequence[tuple[BodyElements, Array]]
+    parts: Sequence[BodyElements]
+    forces: Sequence[tuple[BodyElements, Floats]]
 
     @property
     def touched(self) -> NDArray[np.bool_]:
@@ -367,34 +374,30 @@ class _Side:
 
     def condensed(self, contact: NDArray[np.bool_]) -> Condensed:
         """What is left on the contact."""
+        if self.mixed and any(keeps_volume(part.body) for part in self.parts):
+            return extrapolated(lambda added: self.condensed_at(contact, added), ADDED)
+        return self.condensed_at(contact, 0.0)
+
+    def condensed_at(self, contact: NDArray[np.bool_], added: float, remembers: bool = False) -> Condensed:
+        """What is left on the contact, with a compliance of bodies that keep their volume, as in `matrices`."""
         own = np.flatnonzero(self.touched)
         numbers = np.full(self.size + 1, -1)
         numbers[own] = np.arange(len(own))
         loads = np.zeros((self.size + 1, len(self.forces)))
         for column, (part, forces) in enumerate(self.forces):
-            np.add.at(loads[:, column], self.unknowns[part.elements], 2 * math.pi * el.nodal(forces))
+            np.add.at(loads[:, column], self.unknowns[part.elements], 2 * math.pi * el.nodal(forces.copy()))
         places = [np.meshgrid(part.columns, part.rows, indexing="ij") for part in self.parts]
-        bodies = [part.body for part in self.parts]
-
-        def condensed_at(added: float) -> Condensed:
-            matrices = self._matrices(added)
-            return condense(
-                ElementSystem(
-                    unknowns=np.concatenate([numbers[self.unknowns[part.elements]] for part in self.parts]),
-                    coordinates=np.concatenate([np.stack([x.ravel(), y.ravel()], axis=1) for x, y in places]),
-                    matrices=lambda elements: matrices[elements],
-                    kept=contact[own],
-                    loads=loads[own],
-                )
-            )
-
-        return (
-            extrapolated(condensed_at, ADDED)
-            if self.mixed and any(keeps_volume(body) for body in bodies)
-            else condensed_at(0.0)
+        matrices = self.matrices(added)
+        system = ElementSystem(
+            unknowns=np.concatenate([numbers[self.unknowns[part.elements]] for part in self.parts]),
+            coordinates=np.concatenate([np.stack([x.ravel(), y.ravel()], axis=1) for x, y in places]),
+            matrices=lambda elements: matrices[elements],
+            kept=contact[own],
+            loads=loads[own],
         )
+        return condense(system, remembers)
 
-    def _matrices(self, added: float) -> Array:
+    def matrices(self, added: float) -> Floats:
         """Stiffness (elements, n, n) on nodes, over the whole circle, with the pressures eliminated.
 
         Args:

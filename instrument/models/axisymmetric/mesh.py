@@ -15,15 +15,11 @@ from itertools import pairwise
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.models.finite_elements import elements as el
 from palpate.instrument.models.finite_elements.elements import LineIntegrals
-from palpate.instrument.models.finite_elements.solving import Elements
-from palpate.instrument.models.finite_elements.work import Each
 from palpate.instrument.models.parameters import CLOSED, RoundParameters
-from palpate.instrument.sensor.film_material import FilmMaterial
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from palpate.instrument.sensor.material import FilmMaterial
 
 GRADING = 0.17  # size of an element over that of its outer neighbour; 0.15 to 0.2 is best for corners
 NEAR = 1e-9  # share of its distance from the axis by which a corner is beside another; nearer ones are one
@@ -68,8 +64,8 @@ class Grid:
     """Bodies and the grid lines that cut them: radii and heights [m], ascending."""
 
     bodies: tuple[AxisymmetricBody, ...]
-    radii: Array
-    heights: Array
+    radii: Floats
+    heights: Floats
     face: float
     base: float
 
@@ -114,7 +110,7 @@ def _gap(p: RoundParameters) -> float:
     return max(p.ring_inner_radius - p.tooth_radius, CLOSED * p.tooth_radius)
 
 
-def _radii(p: RoundParameters, layers: int) -> Array:
+def _radii(p: RoundParameters, layers: int) -> Floats:
     ring = p.ring_outer_radius - p.ring_inner_radius
     inner = min(_gap(p), p.tooth_radius, ring, p.sensed_thickness, p.sensor_height), layers
     outer = min(ring, p.sensed_thickness, p.sensor_height), layers
@@ -125,7 +121,7 @@ def _radii(p: RoundParameters, layers: int) -> Array:
     return _line(corners, max(p.tooth_radius, p.ring_outer_radius / 2))
 
 
-def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: float, face: float) -> Array:
+def _heights(p: RoundParameters, layers: int, levels: Floats, base: float, seat: float, face: float) -> Floats:
     corners: dict[float, Corner | None] = {
         face: (min(_gap(p), p.tooth_radius, p.sensed_thickness, p.sensor_height), layers),
         face + p.sensed_thickness: None,
@@ -139,7 +135,7 @@ def _heights(p: RoundParameters, layers: int, levels: Array, base: float, seat: 
     return _line(corners, p.ring_outer_radius)
 
 
-def _line(corners: Mapping[float, Corner | None], longest: float) -> Array:
+def _line(corners: Mapping[float, Corner | None], longest: float) -> Floats:
     """Grid lines through all corners, with layers at each and no element above `longest`."""
     ends: list[float] = []
     for corner in sorted(corners):
@@ -149,7 +145,7 @@ def _line(corners: Mapping[float, Corner | None], longest: float) -> Array:
     return np.concatenate([[ends[0]], *pieces])
 
 
-def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | None, longest: float) -> Array:
+def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | None, longest: float) -> Floats:
     """Grid lines inside ]low, high], the last exactly `high`."""
     length = high - low
     reach = length / 2 if at_low and at_high else length
@@ -168,25 +164,25 @@ def _interval(low: float, high: float, at_low: Corner | None, at_high: Corner | 
     return lines
 
 
-def _cut(start: float, end: float, longest: float) -> Array:
+def _cut(start: float, end: float, longest: float) -> Floats:
     """Grid lines inside ]start, end]. The first step is at most `longest`, each next one at most twice the one before.
 
     Stresses even out within the sensor's radius, so a long object needs few elements.
     """
     count = max(1, math.ceil(math.log2((end - start) / longest + 1)))
     shares = 2.0 ** np.arange(1, count + 1) - 1
-    lines: Array = start + (end - start) * shares / shares[-1]
+    lines: Floats = start + (end - start) * shares / shares[-1]
     return lines
 
 
-def _distances(size: float, layers: int, reach: float) -> Array:
+def _distances(size: float, layers: int, reach: float) -> Floats:
     """Distances of grid lines from a corner, ascending. They keep their places as layers are added."""
     count = math.ceil(math.log(reach / size) / -math.log(GRADING) - 1e-9) + layers
-    distances: Array = reach * GRADING ** np.arange(count, -1, -1, dtype=np.float64)
+    distances: Floats = reach * GRADING ** np.arange(count, -1, -1, dtype=np.float64)
     return distances
 
 
-def inside(lines: Array, extent: Sequence[float]) -> NDArray[np.intp]:
+def inside(lines: Floats, extent: Sequence[float]) -> NDArray[np.intp]:
     """Indices of the intervals between grid lines that lie inside `extent`."""
     middle = (lines[1:] + lines[:-1]) / 2
     return np.flatnonzero((middle > extent[0]) & (middle < extent[1]))
@@ -197,7 +193,6 @@ def inside(lines: Array, extent: Sequence[float]) -> NDArray[np.intp]:
 
 SHEETS = ("object", "base", "tooth", "ring")
 RADIAL, AXIAL = 0, 1
-WHOLE = 2500  # least number of shared unknowns for two threads; for fewer, they lose more by waiting than they gain
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,19 +208,6 @@ class BodyElements:
         return int(self.elements.stop - self.elements.start)
 
 
-@dataclass(frozen=True, slots=True)
-class Numbering:
-    """Global numbers of the elements' unknowns, as `solving.Elements` has them."""
-
-    unknowns: Indices
-    size: int
-    shared: int
-    inner: NDArray[np.bool_]
-    subdomain: Indices
-    subdomains: int
-    seam: int
-
-
 def parts(mesh: Grid) -> list[BodyElements]:
     """Elements of each body, ordered by radius and then by height."""
     found, start = [], 0
@@ -239,10 +221,10 @@ def parts(mesh: Grid) -> list[BodyElements]:
 
 def number(
     parameters: RoundParameters, mesh: Grid, r: LineIntegrals, z: LineIntegrals, bodies: list[BodyElements]
-) -> Numbering:
-    """Number the unknowns: shared ones first, in the order of elimination, then those inside elements.
+) -> tuple[Indices, int]:
+    """Numbers (elements, n) of the unknowns, and how many there are; fixed unknowns have that number.
 
-    Fixed unknowns have the number `size`.
+    Shared ones come first, in the order of a nested dissection, then those inside elements.
     """
     local = r.dofs.shape[1]
     names = np.concatenate([_names(parameters, mesh, r, z, part) for part in bodies])
@@ -256,22 +238,17 @@ def number(
     size = shared + len(names) * count
     places = np.where(outer >= 0, (np.cumsum(named) - 1)[outer], shared)
     rank = np.full(shared + 1, size)
-    order, subdomain, seam = _dissection(mesh, bodies, places, shared)
-    rank[order] = np.arange(shared)
+    rank[_dissection(mesh, bodies, places, shared)] = np.arange(shared)
     unknowns = np.empty(names.shape, dtype=np.intp)
     unknowns[:, ~inner] = rank[places]
     unknowns[:, inner] = np.arange(shared, size).reshape(len(names), count)
-    return Numbering(unknowns, size, shared, inner, subdomain, int(subdomain.max()) + 1, seam)
+    return unknowns, size
 
 
-def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count: int) -> tuple[Indices, Indices, int]:
+def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count: int) -> Indices:
     """Order of the elements' unknowns (elements, m) below `count` by nested dissection (George 1973).
 
     The grid is halved by its rows and by its columns in turn. Unknowns in both halves come after those in one half.
-    Elimination in this order takes two thirds of the time of SuperLU's own order.
-
-    Returns:
-        The order, the half in which each element lies, and the number of unknowns that lie in one half only.
     """
     intervals = len(mesh.radii) - 1, len(mesh.heights) - 1
     halvings = max(intervals).bit_length()
@@ -284,11 +261,7 @@ def _dissection(mesh: Grid, bodies: list[BodyElements], unknowns: Indices, count
     np.maximum.at(last, flat, paths)
     # Number of the last halvings that separate the elements of an unknown.
     _, apart = np.frexp((first ^ last)[:count].astype(np.float64))
-    order = np.lexsort((apart, last[:count] | (1 << apart) - 1))
-    if count < WHOLE:
-        return order, np.zeros_like(path), count
-    first_halving = 2 * halvings - 1
-    return order, path >> first_halving, int(np.count_nonzero(apart <= first_halving))
+    return np.lexsort((apart, last[:count] | (1 << apart) - 1))
 
 
 def within(radius: float, mesh: Grid, r: LineIntegrals) -> NDArray[np.bool_]:
@@ -341,64 +314,8 @@ def _names(parameters: RoundParameters, mesh: Grid, r: LineIntegrals, z: LineInt
 # Poisson ratios from which on a body keeps its pressure as an unknown: any body, and those that are of rubber.
 MIXED_POISSON, RUBBER_MIXED_POISSON = 0.4, 0.2
 RUBBER = ("object", "ring")
-# Greatest λ/G in the factorised matrix; refinement steps carry the answer to the true one.
-BULK_BOUND = 1e5
 # Least compliance of the dilatation, over that of shear, with which pressures are eliminated.
 LEAST_COMPLIANCE = 1e-4
-
-
-def assemble(
-    numbering: Numbering,
-    r: el.LineIntegrals,
-    z: el.LineIntegrals,
-    bodies: list[BodyElements],
-    keeping: list[BodyElements],
-    each: Each,
-) -> Elements:
-    """Element matrices of all bodies, per radian.
-
-    Args:
-        numbering: numbers of the unknowns.
-        r, z: integrals over the radius and over the height.
-        bodies: all bodies.
-        keeping: bodies that keep their pressure as an unknown.
-        each: runs a function for all subdomains at once.
-    """
-    stiffness, fill = np.empty((len(numbering.unknowns), *2 * numbering.unknowns.shape[1:])), el.Stiffness(r, z)
-    mixed: list[int] = []
-    pairs = r.dilatation.shape[1] ** 2
-    dilatation = [np.zeros((0, pairs, numbering.unknowns.shape[1]))]
-    compliance: list[float] = []
-    bound: list[float] = []
-
-    kept = [part.body for part in keeping]
-
-    def filled(share: list[BodyElements]) -> None:
-        for part in share:
-            fill(part.columns, part.rows, constants(part.body, part.body in kept), out=stiffness[part.elements])
-
-    by_size, count = sorted(bodies, key=len, reverse=True), numbering.subdomains
-    each(filled, [by_size[share::count] for share in range(count)])
-    for part in keeping:
-        shear = part.body.shear
-        dilatation.append(el.dilatation(r, z, part.columns, part.rows))
-        mixed += range(part.elements.start, part.elements.stop)
-        compliance += [compliance_of(part.body) / shear] * len(part)
-        bound += [1 / (BULK_BOUND * shear)] * len(part)
-    return Elements(
-        stiffness=stiffness,
-        unknowns=numbering.unknowns,
-        inner=numbering.inner,
-        size=numbering.size,
-        shared=numbering.shared,
-        subdomain=numbering.subdomain,
-        subdomains=numbering.subdomains,
-        seam=numbering.seam,
-        mixed=np.array(mixed, dtype=np.intp),
-        dilatation=np.concatenate(dilatation),
-        compliance=np.array(compliance),
-        bound=np.array(bound),
-    )
 
 
 def constants(body: AxisymmetricBody, mixed: bool) -> el.Constants:

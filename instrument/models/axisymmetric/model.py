@@ -14,15 +14,13 @@ from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements import ladder as between
 from palpate.instrument.models.finite_elements.ladder import Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, SHARED_LENGTHS, RoundParameters
-
-Array = NDArray[np.float64]
 
 # The last refinement takes a second and is good to 1e-7; finer meshes are for references.
 REFINEMENTS = (1, 2, 3, 4, 5)
@@ -101,7 +99,7 @@ def ladder(parameters: RoundParameters) -> Ladder[Curve, Solution]:
     )
 
 
-def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
+def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Floats) -> tuple[Floats, Floats]:
     """Bounds on the errors of force ratio and voltages [V] of the last of some meshes, at each modulus.
 
     Args:
@@ -114,7 +112,7 @@ def estimates(curves: Sequence[Curve], parameters: RoundParameters, moduli: Arra
     return ratio + rounded, voltage + rounded_voltage
 
 
-def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
+def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Floats) -> tuple[Floats, Floats]:
     """Bounds on the rounding errors of the last of some refinements from the first on; as `estimates`."""
     if not may_round(parameters):
         return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))
@@ -130,7 +128,7 @@ def rounding(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array
     return ROUNDING * np.max(ratios, axis=0) + ROUND_OFF, ROUNDING * np.max(voltages, axis=0)
 
 
-def _between(curves: Sequence[Curve], parameters: RoundParameters, moduli: Array) -> tuple[Array, Array]:
+def _between(curves: Sequence[Curve], parameters: RoundParameters, moduli: Floats) -> tuple[Floats, Floats]:
     """The bounds that meshes tell of each other."""
     if _gap(parameters) < CLOSED * parameters.tooth_radius:
         return between.estimates(curves, moduli, BESIDE_CLOSED)
@@ -201,7 +199,7 @@ def resolution_of(refinement: int) -> tuple[int, int]:
     return refinement + 2, refinement + 1
 
 
-def read(of: Curve, moduli: Array, voltage_errors: Array | None = None) -> list[Solution]:
+def read(of: Curve, moduli: Floats, voltage_errors: Floats | None = None) -> list[Solution]:
     """The answers at moduli of the object [Pa], with bounds on the errors of voltages [V] where they are known."""
     ratios, voltages, charges, stresses = (
         found(moduli)[..., 0].tolist() for found in (of.force_ratios, of.voltages, of.shorted, of.values)

@@ -19,10 +19,8 @@ from dataclasses import dataclass
 from typing import Self
 
 import numpy as np
-from numpy.typing import NDArray
 
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
+from palpate.instrument.arrays import Floats, Indices
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,15 +33,15 @@ class LineIntegrals:
     """
 
     dofs: Indices
-    positions: Array
-    value_value: Array
-    slope_slope: Array
-    slope_value: Array
-    hoop: Array
-    dilatation_dilatation: Array
-    dilatation_value: Array
-    dilatation: Array
-    value: Array
+    positions: Floats
+    value_value: Floats
+    slope_slope: Floats
+    slope_value: Floats
+    hoop: Floats
+    dilatation_dilatation: Floats
+    dilatation_value: Floats
+    dilatation: Floats
+    value: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +60,7 @@ class Constants:
         return cls(2 * shear + lame, lame, lame, 2 * shear + lame, shear)
 
 
-def line(points: Array, degree: int, radial: bool) -> LineIntegrals:
+def line(points: Floats, degree: int, radial: bool) -> LineIntegrals:
     """Integrals on a line with grid lines `points` [m], weighted with the radius if `radial`."""
     gauss, weights, shapes, derivatives, tests = _reference(degree)
     count, width = len(points) - 1, np.diff(points)[:, None, None]
@@ -75,8 +73,8 @@ def line(points: Array, degree: int, radial: bool) -> LineIntegrals:
     first = np.arange(count)[:, None]
     inner = count + 1 + first * (degree - 1) + np.arange(degree - 1)
 
-    def integrals(one: Array, other: Array) -> Array:
-        matrices: Array = (weight * one) @ np.swapaxes(other, -1, -2)
+    def integrals(one: Floats, other: Floats) -> Floats:
+        matrices: Floats = (weight * one) @ np.swapaxes(other, -1, -2)
         return matrices
 
     orthonormal = np.linalg.inv(np.linalg.cholesky(integrals(tests, tests))) @ tests
@@ -95,7 +93,7 @@ def line(points: Array, degree: int, radial: bool) -> LineIntegrals:
 
 
 @functools.cache
-def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
+def _reference(degree: int) -> tuple[Floats, Floats, Floats, Floats, Floats]:
     """Gauss points and weights on [0, 1], values and slopes of the shape functions there, values of the pressure's.
 
     The constant 1 replaces the first shape function. scikit-fem's `Basis` would compute these anew for each line, which
@@ -112,19 +110,19 @@ def _reference(degree: int) -> tuple[Array, Array, Array, Array, Array]:
     return gauss, weights / 2, shapes, slopes, tests
 
 
-def product(radial: Array, axial: Array) -> Array:
+def product(radial: Floats, axial: Floats) -> Floats:
     """Kronecker products (n_r, n_z, rows, columns) of all radial with all axial matrices."""
-    products: Array = spread(radial, axial)[:, None] * tiled(axial, radial)
+    products: Floats = spread(radial, axial)[:, None] * tiled(axial, radial)
     return products
 
 
-def spread(matrices: Array, others: Array) -> Array:
+def spread(matrices: Floats, others: Floats) -> Floats:
     """First factor of a Kronecker product with matrices of the others' shape, as large as the product."""
     _, rows, columns = others.shape
     return matrices.repeat(rows, 1).repeat(columns, 2)
 
 
-def tiled(matrices: Array, others: Array) -> Array:
+def tiled(matrices: Floats, others: Floats) -> Floats:
     """Second factor of a Kronecker product, as large as the product."""
     return np.tile(matrices, (1, *others.shape[1:]))
 
@@ -144,7 +142,7 @@ class Stiffness:
         self._radial = [spread(factor, z.value_value)[:, None] for factor in radial]
         self._axial = [tiled(factor, r.value_value) for factor in axial]
 
-    def __call__(self, columns: Indices, rows: Indices, of: Constants, out: Array | None = None) -> Array:
+    def __call__(self, columns: Indices, rows: Indices, of: Constants, out: Floats | None = None) -> Floats:
         """Stiffness (elements, 2 (p + 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`, in `out` if given."""
         hoop_slope, value, slope, value_slope, dilatation, dilatation_value = (part[columns] for part in self._radial)
         z_value, z_slope, z_slope_value, z_value_slope = (part[rows] for part in self._axial)
@@ -164,7 +162,7 @@ class Stiffness:
         return out
 
 
-def dilatation(r: LineIntegrals, z: LineIntegrals, columns: Indices, rows: Indices) -> Array:
+def dilatation(r: LineIntegrals, z: LineIntegrals, columns: Indices, rows: Indices) -> Floats:
     """Projected dilatation (elements, (p - 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`."""
     pairs = product(r.dilatation[columns], z.value[rows]), product(r.value[columns], z.dilatation[rows])
     both = np.concatenate(pairs, axis=3)
@@ -173,7 +171,7 @@ def dilatation(r: LineIntegrals, z: LineIntegrals, columns: Indices, rows: Indic
 
 def polarised(
     r: LineIntegrals, z: LineIntegrals, columns: Indices, rows: Indices, plane: float, normal: float
-) -> Array:
+) -> Floats:
     """Integral of `plane` times the strain in the plane (both directions added) and `normal` times that along the axis.
 
     Returns:
@@ -186,7 +184,7 @@ def polarised(
     return np.stack(by_axis, axis=2).reshape(len(columns) * len(rows), -1)
 
 
-def differences(nodal: Array, rest: Array) -> Array:
+def differences(nodal: Floats, rest: Floats) -> Floats:
     """Unknowns of the element matrices from nodal values (elements, 2 (p + 1)^2) and the rounding errors of these."""
     shapes = math.isqrt(nodal.shape[1] // 2)
     value, small = (np.array(part).reshape(-1, 2, shapes, shapes) for part in (nodal, rest))
@@ -202,7 +200,7 @@ def differences(nodal: Array, rest: Array) -> Array:
     return (value + small).reshape(nodal.shape)
 
 
-def nodal(forces: Array) -> Array:
+def nodal(forces: Floats) -> Floats:
     """Turn forces (elements, n) on the unknowns of the element matrices into forces on nodes, in place.
 
     A stiffness (elements, n, n) is turned along both axes.
@@ -216,7 +214,7 @@ def nodal(forces: Array) -> Array:
     return forces
 
 
-def shape_functions(degree: int, points: Array) -> tuple[Array, Array]:
+def shape_functions(degree: int, points: Floats) -> tuple[Floats, Floats]:
     """Values and slopes of the shape functions of a line at `points` in [0, 1]: both (degree + 1, points).
 
     They are those of scikit-fem's `ElementLinePp`, whose import takes as long as a coarse mesh: two straight lines, and

@@ -14,18 +14,16 @@ import ctypes
 from collections.abc import Callable, Sequence
 from ctypes import POINTER, c_char_p, c_double, c_int, c_void_p
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import cython_blas, cython_lapack
 from scipy.linalg.blas import dtrsm
 
+from palpate.instrument.arrays import Floats, Indices
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.work import Cost, go_on, require_memory
-
-Array = NDArray[np.float64]
-Indices = NDArray[np.intp]
 
 # --- the order: nested dissection ------------------------------------------------------------------------
 
@@ -114,7 +112,7 @@ def numbers(runs: Indices) -> Indices:
     return np.concatenate([np.arange(low, high) for low, high in runs] or [np.empty(0, dtype=np.intp)])
 
 
-def dissected(unknowns: Indices, coordinates: Array, kept: NDArray[np.bool_]) -> EliminationOrder:
+def dissected(unknowns: Indices, coordinates: Floats, kept: NDArray[np.bool_]) -> EliminationOrder:
     """Order of elimination of all unknowns that are not kept.
 
     Args:
@@ -165,7 +163,7 @@ class _Groups:
         return self.members[np.arange(len(places)) + (self.starts[elements] - before)[places]], places
 
 
-def _halved(groups: _Groups, coordinates: Array) -> tuple[Indices, list[tuple[int, int, tuple[int, ...]]]]:
+def _halved(groups: _Groups, coordinates: Floats) -> tuple[Indices, list[tuple[int, int, tuple[int, ...]]]]:
     """Elements in the order of elimination; start, stop and halves of each node of the tree.
 
     Args:
@@ -190,7 +188,7 @@ def _halved(groups: _Groups, coordinates: Array) -> tuple[Indices, list[tuple[in
     return np.concatenate(order), nodes
 
 
-def _cut(groups: _Groups, coordinates: Array, of: Indices) -> tuple[Indices, Indices]:
+def _cut(groups: _Groups, coordinates: Floats, of: Indices) -> tuple[Indices, Indices]:
     """Two halves of some elements."""
     members, places = groups.of(of)
     by_group = np.argsort(members, kind="stable")
@@ -217,7 +215,7 @@ def _cut(groups: _Groups, coordinates: Array, of: Indices) -> tuple[Indices, Ind
         at = rank[places]
         low, high = np.minimum.reduceat(at, begins) + 1, np.maximum.reduceat(at, begins) + 1
 
-        def up_to(of_groups: NDArray[np.bool_], ends: Indices) -> Array:
+        def up_to(of_groups: NDArray[np.bool_], ends: Indices) -> Floats:
             return np.bincount(ends[of_groups], sizes[of_groups], count + 1)[: count + 1].cumsum()
 
         between = up_to(~outside, low) - up_to(~outside, high)
@@ -301,7 +299,7 @@ _DSYRK = _routine(
 )
 
 
-def factorised(matrix: Array) -> Array | None:
+def factorised(matrix: Floats) -> Floats | None:
     """Cholesky factor, in the lower triangle, of a symmetric matrix (n, n), of which only the lower triangle counts.
 
     The matrix is overwritten. None: it is not positive definite to working precision.
@@ -313,7 +311,7 @@ def factorised(matrix: Array) -> Array | None:
     return None if failed.value else found
 
 
-def solved(factor: Array, columns: Array) -> Array:
+def solved(factor: Floats, columns: Floats) -> Floats:
     """X (m, n) of X Lᵀ = B, with L in the lower triangle of a factor (n, n); B (m, n) is overwritten."""
     found = np.asfortranarray(columns)
     rows, count = map(c_int, found.shape)
@@ -322,7 +320,7 @@ def solved(factor: Array, columns: Array) -> Array:
     return found
 
 
-def less_square(matrix: Array, of: Array) -> Array:
+def less_square(matrix: Floats, of: Floats) -> Floats:
     """A - B Bᵀ in the lower triangle of A (m, m), which is overwritten; B is (m, n)."""
     found, of = np.asfortranarray(matrix), np.asfortranarray(of)
     rows, count = map(c_int, of.shape)
@@ -349,7 +347,7 @@ class Assembled:
         self._starts = np.concatenate([[front.first], runs[:, 0]])
         self._offsets = np.concatenate([[0], front.count + np.cumsum(lengths) - lengths])
 
-    def add(self, runs: Indices, matrix: Array) -> None:
+    def add(self, runs: Indices, matrix: Floats) -> None:
         """Add a matrix of runs of unknowns (runs, 2)."""
         end = self._end
         split = np.flatnonzero((runs[:, 0] < end) & (end < runs[:, 1]))
@@ -364,7 +362,7 @@ class Assembled:
             for beside, first, last in pieces[: row + 1]:
                 self._block(place, beside)[: high - low, : last - first] += matrix[low:high, first:last]
 
-    def add_numbers(self, own: Indices, matrix: Array) -> None:
+    def add_numbers(self, own: Indices, matrix: Floats) -> None:
         """Add a matrix of unknowns by their numbers, which rise."""
         if len(own) > FEW:
             breaks = np.concatenate([[0], np.flatnonzero(np.diff(own) > 1) + 1, [len(own)]])
@@ -378,7 +376,7 @@ class Assembled:
         self.between[there[:, None], here] += matrix[first:, :first]
         self.rest[there[:, None], there] += matrix[first:, first:]
 
-    def _block(self, row: int, column: int) -> Array:
+    def _block(self, row: int, column: int) -> Floats:
         count = self._count
         if column >= count:
             return self.rest[row - count :, column - count :]
@@ -411,10 +409,10 @@ class ElementSystem:
     """
 
     unknowns: Indices
-    coordinates: Array
-    matrices: Callable[[Indices], Sequence[Array] | Array]
+    coordinates: Floats
+    matrices: Callable[[Indices], Sequence[Floats] | Floats]
     kept: NDArray[np.bool_]
-    loads: Array
+    loads: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -429,10 +427,10 @@ class Condensed:
             a sum of the loads with these factors (loads,); None: what it needs was not remembered.
     """
 
-    stiffness: Array
-    loads: Array
-    work: Array
-    inside: Callable[[Array, Array], Array] | None = None
+    stiffness: Floats
+    loads: Floats
+    work: Floats
+    inside: Callable[[Floats, Floats], Floats] | None = None
 
 
 def condense(mesh: ElementSystem, remembers: bool = False) -> Condensed:
@@ -461,7 +459,7 @@ def condense(mesh: ElementSystem, remembers: bool = False) -> Condensed:
     )
 
 
-def _mirror(matrix: Array) -> None:
+def _mirror(matrix: Floats) -> None:
     """Fill the upper triangle of a symmetric matrix from its lower one, in place and by blocks that the cache holds."""
     for row in range(0, len(matrix), BLOCK):
         rows = slice(row, row + BLOCK)
@@ -500,8 +498,8 @@ class _Remembered:
 
     first: int
     rest: Indices
-    factor: Array
-    between: Array
+    factor: Floats
+    between: Floats
 
 
 class _Elimination:
@@ -522,11 +520,11 @@ class _Elimination:
         self._loads = np.empty_like(mesh.loads)
         self._loads[order.rank] = mesh.loads
         self._behind = len(mesh.kept) + np.array([[0, mesh.loads.shape[1]]])
-        self._made: tuple[int, Sequence[Array] | Array] = (-AT_ONCE, ())
+        self._made: tuple[int, Sequence[Floats] | Floats] = (-AT_ONCE, ())
 
-    def run(self) -> tuple[Array, Array, Array]:
+    def run(self) -> tuple[Floats, Floats, Floats]:
         """Matrix (lower triangle) and loads of the kept unknowns, in the order of elimination, and work (the same)."""
-        passed: list[tuple[Indices, Array]] = []
+        passed: list[tuple[Indices, Floats]] = []
         for front in self._order.fronts:
             go_on()
             runs = np.concatenate([front.rest, self._behind])
@@ -549,7 +547,7 @@ class _Elimination:
             -matrix[kept:, kept:],
         )
 
-    def _element(self, place: int) -> tuple[Indices, Array]:
+    def _element(self, place: int) -> tuple[Indices, Floats]:
         """Unknowns that an element shares, and their matrix (lower triangle).
 
         Args:
@@ -588,17 +586,17 @@ class _Elimination:
             rest = whole
         return others, self._eliminate(int(ranks[0]), others, own, between, rest)
 
-    def _matrix(self, place: int) -> Array:
+    def _matrix(self, place: int) -> Floats:
         """Matrix of an element."""
         first, matrices = self._made
         if not first <= place < first + AT_ONCE:
             first = place - place % AT_ONCE
             matrices = self._mesh.matrices(self._order.elements[first : first + AT_ONCE])
             self._made = first, matrices
-        found: Array = matrices[place - first]
+        found: Floats = matrices[place - first]
         return found
 
-    def _eliminate(self, first: int, others: Indices, own: Array, between: Array, rest: Array) -> Array:
+    def _eliminate(self, first: int, others: Indices, own: Floats, between: Floats, rest: Floats) -> Floats:
         """Matrix of the rest without the eliminated unknowns.
 
         Args:
@@ -622,7 +620,7 @@ class _Elimination:
             self._remembered.append(_Remembered(first, others, factor, between))
         return rest
 
-    def inside(self, kept: Array, factors: Array) -> Array:
+    def inside(self, kept: Floats, factors: Floats) -> Floats:
         """Displacements of all unknowns, as in `Condensed`."""
         rank, held = self._order.rank, self._mesh.kept
         moved = np.append(np.empty(len(rank)), -factors)
@@ -641,6 +639,8 @@ class _Elimination:
 # Pressures are eliminated inside each element, which takes a compliance 1/λ above 0. What is condensed is a smooth
 # function of that compliance. So it is found at several somewhat greater ones, and extrapolated to the true one.
 
+Number = TypeVar("Number", float, Floats)
+
 # Multiples of the step, and Lagrange's weights at 0.
 NODES = ((1.0, 4.0), (2.0, -6.0), (3.0, 4.0), (4.0, -1.0))
 
@@ -655,8 +655,8 @@ def extrapolated(condensed: Callable[[float], Condensed], step: float) -> Conden
     found = [(weight, condensed(node * step)) for node, weight in NODES]
     weights = np.array([weight for weight, _ in found])
 
-    def at_true(part: str) -> Array:
-        values: Array = np.tensordot(weights, [getattr(each, part) for _, each in found], axes=1)
+    def at_true(part: str) -> Floats:
+        values: Floats = np.tensordot(weights, [getattr(each, part) for _, each in found], axes=1)
         return values
 
     return Condensed(
@@ -666,11 +666,12 @@ def extrapolated(condensed: Callable[[float], Condensed], step: float) -> Conden
     )
 
 
-def extrapolated_number(value: Callable[[float], float], step: float) -> float:
-    """A number at the true compliance that makes sense beside `extrapolated` matrices alone, as their differences do.
+def extrapolated_number(value: Callable[[float], Number], step: float) -> Number:
+    """Numbers at the true compliance that make sense beside `extrapolated` matrices alone, as their differences do.
 
     Args:
-        value: the number when this much is added to the compliance, in any unit.
+        value: the numbers when this much is added to the compliance, in any unit.
         step: as in `extrapolated`.
     """
-    return sum(weight * value(node * step) for node, weight in NODES)
+    one, two, three, four = (weight * value(node * step) for node, weight in NODES)
+    return one + two + three + four

@@ -14,11 +14,11 @@ from typing import Generic, TypeVar
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.quantity import check_tolerance, plus_minus
 
-Array = NDArray[np.float64]
 M = TypeVar("M")  # what is known of a mesh over the modulus of the object
 S = TypeVar("S")  # answer of a mesh at one modulus
 
@@ -48,11 +48,11 @@ class Ladder(Generic[M, S]):
     judge: Callable[[int], object]
     mesh: Callable[[int], M]
     poles: Callable[[M], Curve]
-    estimates: Callable[[Sequence[Curve], Array], tuple[Array, Array]]
-    read: Callable[[M, Array, Array], Sequence[S]]
+    estimates: Callable[[Sequence[Curve], Floats], tuple[Floats, Floats]]
+    read: Callable[[M, Floats, Floats], Sequence[S]]
     rounding: float
 
-    def solve_at(self, moduli: Array, tolerance: float) -> list[tuple[S, float]]:
+    def solve_at(self, moduli: Floats, tolerance: float) -> list[tuple[S, float]]:
         """For each modulus the answer of the first mesh that meets the tolerance there, and its error estimate.
 
         Args:
@@ -77,7 +77,7 @@ class Ladder(Generic[M, S]):
                 return [found[place] for place in range(len(moduli))]
         raise self._out_of_reach(tolerance, float(best.max()))
 
-    def poles_to(self, moduli: Array, tolerance: float) -> tuple[Curve, float]:
+    def poles_to(self, moduli: Floats, tolerance: float) -> tuple[Curve, float]:
         """The curve of the first mesh that meets the tolerance at all moduli, and its greatest error estimate there.
 
         Arguments and errors are those of `solve_at`.
@@ -114,8 +114,8 @@ class Ladder(Generic[M, S]):
         )
 
 
-def _ratios(curve: Curve, moduli: Array) -> Array:
-    found: Array = np.abs(curve.force_ratios(moduli)).min(axis=1)
+def _ratios(curve: Curve, moduli: Floats) -> Floats:
+    found: Floats = np.abs(curve.force_ratios(moduli)).min(axis=1)
     return found
 
 
@@ -171,8 +171,8 @@ class Manner:
 
 
 def estimates(
-    curves: Sequence[Curve], moduli: Array, manner: Manner, heights: Sequence[Curve] = ()
-) -> tuple[Array, Array]:
+    curves: Sequence[Curve], moduli: Floats, manner: Manner, heights: Sequence[Curve] = ()
+) -> tuple[Floats, Floats]:
     """Bounds on the errors of force ratio and voltages [V] of the last of two or more meshes, each finer than the one
     before.
 
@@ -191,11 +191,11 @@ def estimates(
     around = _around(moduli, farthest)
     ratio, voltage = np.zeros(len(moduli)), np.zeros(len(moduli))
 
-    def greatest_of(values: Array) -> Array:
+    def greatest_of(values: Floats) -> Floats:
         counted = [
             share * _greatest(values, around.narrowed(farthest - reach)) for reach, share in shares.items() if share
         ]
-        found: Array = np.max(counted, axis=0)
+        found: Floats = np.max(counted, axis=0)
         return found
 
     for step, (coarse, fine) in enumerate(pairwise(curves)):
@@ -209,8 +209,8 @@ def estimates(
 
 
 def by_likeness(
-    curves: Sequence[Curve], likes: Sequence[Curve], best: Curve, doubt: Array, moduli: Array, least: float
-) -> Array:
+    curves: Sequence[Curve], likes: Sequence[Curve], best: Curve, doubt: Floats, moduli: Floats, least: float
+) -> Floats:
     """Bounds on the error of the force ratio on a mesh, from that of a smaller sensor on the same mesh.
 
     Errors arise at the edges of teeth, rings and gaps, which both sensors have. How much larger they are here than
@@ -226,13 +226,13 @@ def by_likeness(
     """
     around = _around(moduli, HALF_DECADE)
 
-    def greatest(one: Curve, other: Curve) -> Array:
+    def greatest(one: Curve, other: Curve) -> Floats:
         apart = np.abs(one.force_ratios(around.grid) - other.force_ratios(around.grid)).max(axis=1)
         return _greatest(apart, around)
 
     own, there = greatest(*curves[-2:]), greatest(*likes)
     larger = np.maximum(own / np.where(there > 0, there, np.inf), least)
-    found: Array = larger * (greatest(likes[-1], best) + doubt)
+    found: Floats = larger * (greatest(likes[-1], best) + doubt)
     return found
 
 
@@ -240,7 +240,7 @@ def _of_step(factors: Sequence[float], step: int) -> float:
     return factors[min(step, len(factors) - 1)]
 
 
-def differences(one: Curve, other: Curve, moduli: Array, factor: float) -> tuple[Array, Array]:
+def differences(one: Curve, other: Curve, moduli: Floats, factor: float) -> tuple[Floats, Floats]:
     """Greatest differences of force ratios and voltages [V], over half a decade around each modulus [Pa].
 
     Args:
@@ -255,7 +255,7 @@ def differences(one: Curve, other: Curve, moduli: Array, factor: float) -> tuple
     return _greatest(ratio, around), _greatest(voltage, around)
 
 
-def _changes(coarse: Curve, fine: Curve, grid: Array, product: float) -> tuple[Array, Array]:
+def _changes(coarse: Curve, fine: Curve, grid: Floats, product: float) -> tuple[Floats, Floats]:
     """Change of the force ratio, or share of the product of energies, and change of any voltage [V]; on a grid."""
     change = np.abs(fine.force_ratios(grid) - coarse.force_ratios(grid)).max(axis=1)
     (load, jump), (finer_load, finer_jump) = coarse.energies(grid), fine.energies(grid)
@@ -268,7 +268,7 @@ def _changes(coarse: Curve, fine: Curve, grid: Array, product: float) -> tuple[A
 class _Around:
     """Moduli of the grid [Pa], and for each modulus that is asked the first and the last of these around it."""
 
-    grid: Array
+    grid: Floats
     first: NDArray[np.intp]
     last: NDArray[np.intp]
 
@@ -277,17 +277,17 @@ class _Around:
         return replace(self, first=self.first + steps, last=self.last - steps)
 
 
-def _around(moduli: Array, reach: int) -> _Around:
+def _around(moduli: Floats, reach: int) -> _Around:
     places = STEPS * np.log10(moduli)
     first, last = np.floor(places).astype(np.intp) - reach, np.ceil(places).astype(np.intp) + reach
     start, stop = (int(first.min()), int(last.max()) + 1) if len(moduli) else (0, 1)
     return _Around(10.0 ** (np.arange(start, stop) / STEPS), first - start, last - start)
 
 
-def _greatest(values: Array, around: _Around) -> Array:
+def _greatest(values: Floats, around: _Around) -> Floats:
     """The greatest value from `first` to `last`, for each pair."""
     # Places between two points of the grid have one more of them than those on a point.
     most = int((around.last - around.first).max(initial=0)) + 1
     places = np.minimum(around.first[:, None] + np.arange(most), around.last[:, None])
-    found: Array = values[places].max(axis=1)
+    found: Floats = values[places].max(axis=1)
     return found

@@ -17,16 +17,15 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
-from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements.work import go_on
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 if TYPE_CHECKING:
     from palpate.instrument.models.finite_elements.elimination import Condensed
 
-Array = NDArray[np.float64]
 
 # Poles are left out while the sum of their residues is below this share of that of all.
 NEGLIGIBLE = 1e-15
@@ -51,13 +50,13 @@ class Sensor:
         capacitances: (films,), capacitances of clamped films [F].
     """
 
-    def __init__(self, condensed: Condensed, films: slice, capacitances: Array) -> None:
+    def __init__(self, condensed: Condensed, films: slice, capacitances: Floats) -> None:
         self._condensed, self._films = condensed, films
         self.charges = condensed.loads[:, films]
         self.capacity = _capacity(capacitances, condensed.work[films, films])
         self.stiffness = condensed.stiffness + self.charges @ self.capacity @ self.charges.T
 
-    def rows(self, places: slice, volts: Array) -> Array:
+    def rows(self, places: slice, volts: Floats) -> Floats:
         """Rows (contact, goals) of goals by the displacements of the contact, with open films.
 
         Args:
@@ -66,10 +65,10 @@ class Sensor:
         """
         condensed = self._condensed
         seen = volts - condensed.work[self._films, places]
-        found: Array = condensed.loads[:, places] + self.charges @ (self.capacity @ seen)
+        found: Floats = condensed.loads[:, places] + self.charges @ (self.capacity @ seen)
         return found
 
-    def torn(self, row: Array, place: int, volts: Array, energy: float) -> float:
+    def torn(self, row: Floats, place: int, volts: Floats, energy: float) -> float:
         """Twice the energy that a jump inside the sensor leaves when the contact is free [J].
 
         Args:
@@ -101,16 +100,16 @@ class Curve:
         capacity: (films, films), voltages of open films by the charges [1/F].
     """
 
-    rates: Array
-    loads: Array
-    goals: Array
-    offsets: Array
-    ratio: Array
+    rates: Floats
+    loads: Floats
+    goals: Floats
+    offsets: Floats
+    ratio: Floats
     share: float
     least: float
-    clamped: Array
-    charges: Array
-    capacity: Array
+    clamped: Floats
+    charges: Floats
+    capacity: Floats
 
     def __post_init__(self) -> None:
         (poles,), (_, loads), (_, goals), (_, films) = (
@@ -140,40 +139,40 @@ class Curve:
         kept = np.sort(order[np.cumsum(greatest[order]) > share])
         return replace(self, **{name: getattr(self, name)[kept] for name in BY_POLE})
 
-    def values(self, moduli: Array) -> Array:
+    def values(self, moduli: Floats) -> Floats:
         """Goals (moduli, goals, loads) at moduli of the object [Pa]."""
         shares = 1 / (1 + np.multiply.outer(moduli, self.rates))
-        found: Array = np.einsum("em,mg,ml->egl", shares, self.goals, self.loads, optimize=True) + self.offsets
+        found: Floats = np.einsum("em,mg,ml->egl", shares, self.goals, self.loads, optimize=True) + self.offsets
         return found
 
-    def force_ratios(self, moduli: Array) -> Array:
+    def force_ratios(self, moduli: Floats) -> Floats:
         """Force on the teeth over the whole force (moduli, loads)."""
         shares = 1 / (1 + np.multiply.outer(moduli, self.rates))
-        found: Array = self.share + (shares * self.ratio) @ self.loads
+        found: Floats = self.share + (shares * self.ratio) @ self.loads
         return found
 
-    def slopes(self, moduli: Array) -> Array:
+    def slopes(self, moduli: Floats) -> Floats:
         """Derivatives (moduli, loads) of the force ratio by the modulus [1/Pa]."""
         shares = -self.rates / (1 + np.multiply.outer(moduli, self.rates)) ** 2
-        found: Array = (shares * self.ratio) @ self.loads
+        found: Floats = (shares * self.ratio) @ self.loads
         return found
 
-    def voltages(self, moduli: Array) -> Array:
+    def voltages(self, moduli: Floats) -> Floats:
         """Voltages (moduli, films, loads) of open films [V]."""
         shares = 1 / (1 + np.multiply.outer(moduli, self.rates))
         charges = np.einsum("em,mf,ml->efl", shares, self.charges, self.loads, optimize=True)
-        found: Array = self.capacity @ charges
+        found: Floats = self.capacity @ charges
         return found
 
-    def shorted(self, moduli: Array) -> Array:
+    def shorted(self, moduli: Floats) -> Floats:
         """Charges (moduli, films, loads) that leave the films when all are short-circuited [C]."""
         shares = 1 / (1 + np.multiply.outer(moduli, self.rates))
         charges = np.einsum("em,mf,ml->efl", shares, self.charges, self.loads, optimize=True)
         own = np.einsum("em,mf,mg->efg", shares, self.charges, self.charges, optimize=True)
-        found: Array = np.linalg.solve(np.eye(len(self.capacity)) - own @ self.capacity, charges)
+        found: Floats = np.linalg.solve(np.eye(len(self.capacity)) - own @ self.capacity, charges)
         return found
 
-    def energies(self, moduli: Array) -> tuple[Array, Array]:
+    def energies(self, moduli: Floats) -> tuple[Floats, Floats]:
         """Twice the energies [J]: under each load (moduli, loads), and by the jump (moduli,)."""
         products = np.multiply.outer(moduli, self.rates)
         load = self.clamped / moduli[:, None] + (1 / (1 + products)) @ self.loads**2
@@ -183,10 +182,10 @@ class Curve:
 def curve(
     sensor: Sensor,
     sensed: Condensed,
-    modes: Array,
-    rows: Array,
-    offsets: Array,
-    ratio: Array,
+    modes: Floats,
+    rows: Floats,
+    offsets: Floats,
+    ratio: Floats,
     share: float = 0.0,
     least: float = 0.0,
     middle: float | None = None,
@@ -212,7 +211,7 @@ def curve(
     from scipy.linalg import cholesky, solve_triangular
 
     matrices = sensor.stiffness, sensed.stiffness
-    columns: tuple[Array, ...] = (modes, sensed.loads, rows, ratio[:, None], sensor.charges)
+    columns: tuple[Floats, ...] = (modes, sensed.loads, rows, ratio[:, None], sensor.charges)
     try:
         fewer = None
         if middle is not None:
@@ -228,8 +227,8 @@ def curve(
             " and dimensions closer together"
         ) from None
 
-    def turned(columns: Array) -> Array:
-        found: Array = solve_triangular(lower, columns, lower=True, check_finite=False)
+    def turned(columns: Floats) -> Floats:
+        found: Floats = solve_triangular(lower, columns, lower=True, check_finite=False)
         return found
 
     softened = turned(turned(matrices[1]).T)
@@ -259,11 +258,11 @@ def curve(
     return found.without()
 
 
-def _capacity(capacitances: Array, work: Array) -> Array:
+def _capacity(capacitances: Floats, work: Floats) -> Floats:
     """Voltages of open films by their charges in short circuit, with the contact held [1/F]."""
     # Films may differ much in size. The scaled matrix has a diagonal of 1 and small other elements.
     scale = 1 / np.sqrt(capacitances)
-    found: Array = np.outer(scale, scale) * np.linalg.inv((np.diag(capacitances) + work) * np.outer(scale, scale))
+    found: Floats = np.outer(scale, scale) * np.linalg.inv((np.diag(capacitances) + work) * np.outer(scale, scale))
     return found
 
 
@@ -297,13 +296,13 @@ class Projected:
         stiffness, sensed: (fewer, fewer), of the sensor, and of the object at a modulus of 1 Pa.
     """
 
-    onto: Array
-    stiffness: Array
-    sensed: Array
+    onto: Floats
+    stiffness: Floats
+    sensed: Floats
 
 
 def projected(
-    stiffness: Array, sensed: Array, loads: Array, ratio: Array, goals: Array, modes: Array, modulus: float
+    stiffness: Floats, sensed: Floats, loads: Floats, ratio: Floats, goals: Floats, modes: Floats, modulus: float
 ) -> Projected | None:
     """The contact on what its solutions need; None: that would hardly be less, or does not suffice.
 
@@ -327,7 +326,7 @@ def projected(
     fewer = _most(main.shape[1], others.shape[1]) + modes.shape[1]
     if 2 * fewer > len(stiffness):
         return None
-    factors: dict[float, Array] = {}
+    factors: dict[float, Floats] = {}
     onto = _independent(modes)
     pushed = [matrix @ onto for matrix in (stiffness, sensed)]
     wanted = (modulus * FIRST).tolist()
@@ -388,8 +387,8 @@ def operations(contact: int, loads: int, goals: int) -> float:
 
 
 def _left(
-    own: Projected, pushed: list[Array], factors: dict[float, Array], columns: Array, loads: int, modulus: float
-) -> Array:
+    own: Projected, pushed: list[Floats], factors: dict[float, Floats], columns: Floats, loads: int, modulus: float
+) -> Floats:
     """Bounds on what solutions on these displacements miss, over what they may, at the moduli that are checked.
 
     The stiffness rises with the modulus, by no larger share than the modulus itself. So energies of what is left of the
@@ -426,11 +425,11 @@ def _left(
     errors[loads] = RATIO_ERROR
     allowed = errors * np.abs(values).max(axis=(0, 1))
     missed = np.sqrt(energies[:, :loads, None] * energies[:, None, :])
-    shares: Array = (missed / np.where(allowed > 0, allowed, np.inf)).max(axis=(1, 2))
+    shares: Floats = (missed / np.where(allowed > 0, allowed, np.inf)).max(axis=(1, 2))
     return shares
 
 
-def _independent(columns: Array, beside: Array | None = None) -> Array:
+def _independent(columns: Floats, beside: Floats | None = None) -> Floats:
     """An orthonormal basis of the span of some columns, or of what they add to that of others."""
     from scipy.linalg import qr
 
@@ -442,7 +441,7 @@ def _independent(columns: Array, beside: Array | None = None) -> Array:
     found = first[:, np.abs(np.diag(triangle)) > DEPENDENT]
     if beside is not None and found.shape[1]:  # small columns have lost digits of their being independent
         found = qr(found - beside @ (beside.T @ found), mode="economic")[0]
-    independent: Array = found
+    independent: Floats = found
     return independent
 
 
@@ -453,29 +452,6 @@ def _independent(columns: Array, beside: Array | None = None) -> Array:
 # more solution for each film, z = K⁻¹ b, therefore couples any load:
 #
 #     (C + bᵀz) V = b·u,    displacements u - z V
-
-
-class Circuits:
-    """Open films.
-
-    Attributes:
-        capacity: (films, films), inverse of C + bᵀz [1/F].
-
-    Args:
-        capacitances: (films,), capacitances of clamped films [F].
-        charges: (films, films), charge of each film under the forces b of each film [C/V].
-    """
-
-    def __init__(self, capacitances: Array, charges: Array) -> None:
-        # Films may differ much in size. The scaled matrix has a diagonal of 1 and small other elements.
-        matrix = np.diag(capacitances) + (charges + charges.T) / 2
-        scale = 1 / np.sqrt(capacitances)
-        self.capacity: Array = np.outer(scale, scale) * np.linalg.inv(matrix * np.outer(scale, scale))
-
-    def voltages(self, charges: Array) -> Array:
-        """Voltages of open films [V], from the charges that would leave them in short circuit [C]."""
-        found: Array = self.capacity @ charges
-        return found
 
 
 def capacitance(material: FilmMaterial, area: float, thickness: float) -> float:

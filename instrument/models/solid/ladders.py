@@ -4,16 +4,12 @@ from __future__ import annotations
 
 from dataclasses import dataclass, replace
 
-import numpy as np
-from numpy.typing import NDArray
-
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.finite_elements.ladder import Manner
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import CLOSED, SolidParameters
 from palpate.instrument.sensor.design import MANY_TEETH
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,7 +46,7 @@ class SolidCurve:
     """
 
     poles: Curve
-    films: Array
+    films: Floats
     teeth: int
     bases: int
     unknowns: int

@@ -17,12 +17,12 @@ import numpy as np
 from numpy.typing import NDArray
 from skfem import Basis, ElementLineP2, ElementLinePp, ElementQuad2, ElementQuadP, Mesh, MeshLine, MeshQuad1, MeshQuad2
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.sensor.film_material import FilmMaterial
+from palpate.instrument.sensor.material import FilmMaterial
 
 logging.getLogger("skfem").addHandler(logging.NullHandler())  # it tells of copies of large meshes
 
-Array = NDArray[np.float64]
 Names = NDArray[np.intp]
 Entries = TypeVar("Entries", NDArray[np.float64], NDArray[np.intp])
 
@@ -55,7 +55,7 @@ class PlanMesh:
     cell: NDArray[np.intp]
 
 
-def graded(start: float, end: float, layers: int, ratio: float, towards: str) -> Array:
+def graded(start: float, end: float, layers: int, ratio: float, towards: str) -> Floats:
     """Breaks from `start` to `end` whose steps shrink by `ratio` towards "start", "end", "both" or "none".
 
     Returns:
@@ -81,7 +81,7 @@ def plan_mesh(
             orientation, to the position of its tooth's axis (x, y) [m] and the index of its cell.
     """
     lattice, layer, blocks = _quarter(cell, resolution)
-    points: list[Array] = []
+    points: list[Floats] = []
     index: dict[tuple[int, int, int], int] = {}
     unit = cell.half_length * 1e-9
     elements: list[NDArray[np.intp]] = []
@@ -110,7 +110,7 @@ def plan_mesh(
     )
 
 
-def _biquadratic(points: Array, nine: NDArray[np.intp]) -> Mesh:
+def _biquadratic(points: Floats, nine: NDArray[np.intp]) -> Mesh:
     """Mesh of elements given by corners, middles of sides 01, 12, 23, 03, and centre."""
     corners, renumbered = np.unique(nine[:4], return_inverse=True)
     straight = MeshQuad1(points[:, corners], renumbered.reshape(4, -1))
@@ -120,7 +120,7 @@ def _biquadratic(points: Array, nine: NDArray[np.intp]) -> Mesh:
     return MeshQuad2(places, curved.t)
 
 
-def _quarter(cell: UnitCell, resolution: Resolution) -> tuple[Array, NDArray[np.intp], tuple[NDArray[np.intp], ...]]:
+def _quarter(cell: UnitCell, resolution: Resolution) -> tuple[Floats, NDArray[np.intp], tuple[NDArray[np.intp], ...]]:
     """Points (2, n), layer of each point, and elements (9, m) with their regions, for x, y >= 0."""
     m, layers, ratio = resolution.sectors, resolution.layers, resolution.ratio
     core = 0.5 * cell.tooth_radius
@@ -172,7 +172,7 @@ def _quarter(cell: UnitCell, resolution: Resolution) -> tuple[Array, NDArray[np.
     return points, layer, (np.array(nine, dtype=np.intp).T, np.array(labels, dtype=np.intp))
 
 
-def locate(basis: Any, point: tuple[float, float]) -> tuple[NDArray[np.intp], Array]:
+def locate(basis: Any, point: tuple[float, float]) -> tuple[NDArray[np.intp], Floats]:
     """Nodes of the element around a point of the plan, and the values of their shape functions there."""
     target = np.array(point)
     corners = basis.mesh.doflocs[:, basis.mesh.dofs.element_dofs]
@@ -220,10 +220,10 @@ class Elastic:
         return self.modulus / (2 * (1 + self.poisson))
 
     @property
-    def law(self) -> Array:
+    def law(self) -> Floats:
         """Stress by the derivatives of displacements without the dilatation, as `SolidBody.add_law` takes it [Pa]."""
         one = np.eye(3)
-        law: Array = self.shear * (np.einsum("ab,de->adbe", one, one) + np.einsum("ae,bd->adbe", one, one))
+        law: Floats = self.shear * (np.einsum("ab,de->adbe", one, one) + np.einsum("ae,bd->adbe", one, one))
         return law
 
     @property
@@ -266,8 +266,8 @@ class PlanElements:
         v = np.stack([np.broadcast_to(np.asarray(shape), weight.shape) for shape in shapes], axis=1)
         x, y = (np.stack([shape.grad[axis] for shape in shapes], axis=1) for axis in (0, 1))
 
-        def product(test: Array, trial: Array) -> Array:
-            result: Array = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
+        def product(test: Floats, trial: Floats) -> Floats:
+            result: Floats = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
             return result
 
         self.areas = weight.sum(axis=1)
@@ -279,7 +279,7 @@ class PlanElements:
             self.pressure.append((product(polynomials, x), product(polynomials, y), product(polynomials, v)))
 
 
-def _orthonormal(places: Array, weight: Array, degree: int) -> Array:
+def _orthonormal(places: Floats, weight: Floats, degree: int) -> Floats:
     """Polynomials (elements, polynomials, points) at the quadrature points, orthonormal on each element."""
     area = weight.sum(axis=-1)[:, None]
     centre = (places * weight).sum(axis=-1, keepdims=True) / area
@@ -288,7 +288,7 @@ def _orthonormal(places: Array, weight: Array, degree: int) -> Array:
     # The degree rises, so that the first polynomials span every lower degree.
     monomials = np.stack([a ** (k - m) * b**m for k in range(degree + 1) for m in range(k + 1)], axis=-1)
     root = np.sqrt(weight)[..., None]
-    polynomials: Array = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 1)
+    polynomials: Floats = np.moveaxis(np.linalg.qr(root * monomials)[0] / root, -1, 1)
     return polynomials
 
 
@@ -307,7 +307,7 @@ class HeightElements:
         pressure: (degree, steps, shapes), integrals of value and slope of shape functions times Legendre polynomials.
     """
 
-    def __init__(self, breaks: Array, degree: int) -> None:
+    def __init__(self, breaks: Floats, degree: int) -> None:
         basis = height_basis(breaks, degree)
         steps = len(breaks) - 1
         order = np.concatenate([np.arange(steps), np.arange(steps + 1, basis.N), [steps]])
@@ -321,8 +321,8 @@ class HeightElements:
         v = np.stack([np.broadcast_to(np.asarray(field[0]), weight.shape) for field in basis.basis], axis=1)
         z = np.stack([field[0].grad[0] for field in basis.basis], axis=1)
 
-        def product(test: Array, trial: Array) -> Array:
-            result: Array = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
+        def product(test: Floats, trial: Floats) -> Floats:
+            result: Floats = (test * weight[:, None]) @ trial.transpose(0, 2, 1)
             return result
 
         self.products = np.stack([np.stack([product(own, other) for other in (v, z)], 1) for own in (v, z)], 1)
@@ -364,7 +364,7 @@ class SolidBody:
         plan, step = np.divmod(numbers, len(self.height.local))
         return plan, step
 
-    def stiffness(self, elements: Names | None = None, added: float = 0.0) -> Array:
+    def stiffness(self, elements: Names | None = None, added: float = 0.0) -> Floats:
         """Stiffness (elements, unknowns, unknowns) of some elements; None: of all.
 
         Args:
@@ -374,18 +374,18 @@ class SolidBody:
         if isinstance(self.material, FilmMaterial):
             return self.by_law(self.material.law, elements)
         dilatation = self.dilatation(elements)
-        matrix: Array = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
+        matrix: Floats = dilatation.transpose(0, 2, 1) @ (dilatation / (self.material.compliance + added))
         self.add_law(matrix, self.material.law, elements)
         return matrix
 
-    def by_law(self, law: Array, elements: Names | None = None) -> Array:
+    def by_law(self, law: Floats, elements: Names | None = None) -> Floats:
         """Stiffness as `stiffness` gives it, of a material without pressure that `add_law` takes."""
         size = math.prod(self._of_each)
         matrix = np.zeros((self.count if elements is None else len(elements), size, size))
         self.add_law(matrix, law, elements)
         return matrix
 
-    def add_law(self, matrix: Array, law: Array, elements: Names | None = None) -> None:
+    def add_law(self, matrix: Floats, law: Floats, elements: Names | None = None) -> None:
         """Add the stiffness of a material to that (elements, unknowns, unknowns) of some elements.
 
         Args:
@@ -410,7 +410,7 @@ class SolidBody:
         """Axes, heights and nodes of an element's unknowns."""
         return 3, self.height.local.shape[1], self.plan.local.shape[1]
 
-    def polarised(self, film: FilmMaterial, one: Array) -> Array:
+    def polarised(self, film: FilmMaterial, one: Floats) -> Floats:
         """Forces (elements, unknowns) of a film under 1 V, against its voltage [N/V].
 
         Args:
@@ -423,10 +423,10 @@ class SolidBody:
         mass, slope = np.einsum("sdij,sj->dsi", h.products[:, :, 0], h.one[h.local])
         pairs = ((along, mass), (across, mass), (flat, slope))
         forces = [e * np.einsum("en,sh->eshn", *pair) for e, pair in zip(stress, pairs, strict=True)]
-        by_axis: Array = np.stack(forces, axis=2) / np.ptp(h.breaks)
+        by_axis: Floats = np.stack(forces, axis=2) / np.ptp(h.breaks)
         return by_axis.reshape(self.count, -1)
 
-    def dilatation(self, elements: Names | None = None) -> Array:
+    def dilatation(self, elements: Names | None = None) -> Floats:
         """Operator (elements, pressures, unknowns) from unknowns to orthonormal dilatations."""
         plan, step = self._places(elements)
         rows = []
@@ -444,7 +444,7 @@ def plan_basis(plan: PlanMesh, degree: int) -> Any:
     return Basis(plan.mesh, ElementQuad2() if degree == 2 else ElementQuadP(degree), intorder=2 * degree + 2)
 
 
-def height_basis(breaks: Array, degree: int, points: Array | None = None) -> Any:
+def height_basis(breaks: Floats, degree: int, points: Floats | None = None) -> Any:
     """Shape functions along the height, at given points of each step (0 to 1), or at those of an exact quadrature."""
     element = ElementLineP2() if degree == 2 else ElementLinePp(degree)
     if points is None:

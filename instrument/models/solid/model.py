@@ -17,12 +17,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import ladder as between
-from palpate.instrument.models.finite_elements.kept import is_kept, keep
 from palpate.instrument.models.finite_elements.ladder import LEAST, Ladder
 from palpate.instrument.models.finite_elements.poles import Curve
-from palpate.instrument.models.finite_elements.work import Cost, fits, judge, single, total
+from palpate.instrument.models.finite_elements.work import Cost, fits, is_kept, judge, keep, single, total
 from palpate.instrument.models.parameters import SHARED_LENGTHS, SolidParameters
 from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
@@ -39,7 +39,6 @@ LARGER_TOLERANCE = "give a larger tolerance, or take another model"
 SMALLER_QUESTION = "take another model or a design of fewer teeth, or spread the load evenly"
 LENGTHS = (*SHARED_LENGTHS, "cell_length", "cell_width")
 
-Array = NDArray[np.float64]
 PlaneStress = tuple[float, float]
 
 
@@ -93,7 +92,7 @@ def solve_on(parameters: SolidParameters, resolution: Resolution) -> SolidSoluti
 
 
 def read(
-    of: SolidCurve, parameters: SolidParameters, moduli: Array, voltage_errors: Array | None = None
+    of: SolidCurve, parameters: SolidParameters, moduli: Floats, voltage_errors: Floats | None = None
 ) -> list[SolidSolution]:
     """The answers of a mesh at moduli of the object [Pa], under the parameters' force.
 
@@ -300,8 +299,8 @@ def beside(parameters: SolidParameters, meshes: int) -> list[tuple[SolidParamete
 
 
 def estimates(
-    curves: Sequence[Curve], parameters: SolidParameters, moduli: Array, known: Sequence[Curve] | None = None
-) -> tuple[Array, Array]:
+    curves: Sequence[Curve], parameters: SolidParameters, moduli: Floats, known: Sequence[Curve] | None = None
+) -> tuple[Floats, Floats]:
     """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus.
 
     Args:
@@ -338,7 +337,7 @@ def _may_lose_digits(parameters: SolidParameters) -> bool:
     return parameters.sensed_thickness <= SHEET * min(parameters.cell_length, parameters.cell_width)
 
 
-def _rounding(curves: Sequence[Curve], parameters: SolidParameters, moduli: Array) -> tuple[Array, Array]:
+def _rounding(curves: Sequence[Curve], parameters: SolidParameters, moduli: Floats) -> tuple[Floats, Floats]:
     """Bounds on the rounding errors of the last of some meshes; as `estimates`."""
     if not _may_lose_digits(parameters):
         return np.full(len(moduli), ROUND_OFF), np.zeros(len(moduli))

@@ -9,6 +9,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.mesh import (
@@ -28,9 +29,7 @@ from palpate.instrument.models.solid.mesh import (
     plan_basis,
     plan_mesh,
 )
-from palpate.instrument.sensor.film_material import FilmMaterial
-
-Array = NDArray[np.float64]
+from palpate.instrument.sensor.material import FilmMaterial
 
 HELD, UNNAMED = -1, -2
 ALL, NORMAL = (0, 1, 2), (2,)
@@ -94,12 +93,12 @@ class SolidStack:
         over = np.unique(self.basis.element_dofs[:, self.plan.region == TOOTH])
         return np.isin(body.plan.nodes, over)
 
-    def from_axis(self, x: Array, y: Array) -> tuple[Array, Array]:
+    def from_axis(self, x: Floats, y: Floats) -> tuple[Floats, Floats]:
         """Distances of places along x and y from the axis of the cell's tooth [m]."""
         p = self._parameters
         return x % p.cell_length - p.cell_length / 2, y % p.cell_width - p.cell_width / 2
 
-    def centres(self, part: SolidPart) -> Array:
+    def centres(self, part: SolidPart) -> Floats:
         """Centres of a part's elements (elements, 4) [m]: along both sides of the plan, from the axis, and height."""
         x, y = self.plan.mesh.p[:, self.plan.mesh.t[:4, part.body.plan.elements]].mean(axis=1)
         z = (part.body.height.breaks[1:] + part.body.height.breaks[:-1]) / 2
@@ -161,10 +160,10 @@ class SolidStack:
         if p.support == "rigid":
             self.tooth = self.object
 
-    def _rubber(self, breaks: Array) -> HeightElements:
+    def _rubber(self, breaks: Floats) -> HeightElements:
         return HeightElements(breaks, self._resolution.rubber or self._resolution.degree)
 
-    def _stiff(self, breaks: Array) -> HeightElements:
+    def _stiff(self, breaks: Floats) -> HeightElements:
         return HeightElements(breaks, self._resolution.stiff or self._resolution.degree)
 
     def _plates(self, everywhere: NDArray[np.bool_], top: float) -> list[Join]:
@@ -309,9 +308,9 @@ class InternalWork:
 
     part: SolidPart
     elements: Names
-    moved: Array
+    moved: Floats
 
-    def forces(self, unknowns: int, added: float) -> Array:
+    def forces(self, unknowns: int, added: float) -> Floats:
         """Work by each unknown's displacement of 1 m, (unknowns,); added: as in `SolidBody.stiffness`, in steps."""
         body = self.part.body
         moved = body.local(self.moved, self.elements)
@@ -343,13 +342,13 @@ class Electrode:
     cell: int
     area: float
 
-    def inside(self, stack: SolidStack) -> Array:
+    def inside(self, stack: SolidStack) -> Floats:
         """Forces (elements, unknowns) of the film under 1 V, against its voltage [N/V]."""
         body = self.part.body
         assert isinstance(body.material, FilmMaterial)
         return body.polarised(body.material, stack.one[body.plan.nodes])[self.elements]
 
-    def forces(self, stack: SolidStack) -> Array:
+    def forces(self, stack: SolidStack) -> Floats:
         """The same on all unknowns."""
         total = np.zeros(stack.unknowns + 1)
         np.add.at(total, self.part.body.local(self.part.names, self.elements), self.inside(stack))
@@ -379,9 +378,9 @@ class Goals:
     """
 
     works: Sequence[InternalWork]
-    shares: Array
+    shares: Floats
     electrodes: Sequence[Electrode]
-    films: Array
+    films: Floats
     teeth: int
     bases: int
 
@@ -407,7 +406,7 @@ def goals(p: SolidParameters, stack: SolidStack, mirrored: tuple[bool, bool]) ->
             }
     works = [work for pairs in kinds.values() for _, work in pairs]
 
-    def rows(kind: str, whole: Array) -> Array:
+    def rows(kind: str, whole: Floats) -> Floats:
         found = np.zeros((len(whole), len(works)))
         for cell, work in kinds[kind]:
             found[cell, next(place for place, other in enumerate(works) if other is work)] = 1.0
@@ -437,7 +436,7 @@ def goals(p: SolidParameters, stack: SolidStack, mirrored: tuple[bool, bool]) ->
     return Goals(works, np.concatenate([*shares, together]), electrodes, films, len(teeth), len(bases))
 
 
-def _whole(p: SolidParameters, mirrored: tuple[bool, bool]) -> Array:
+def _whole(p: SolidParameters, mirrored: tuple[bool, bool]) -> Floats:
     """What each cell of the whole sensor (cells, cells) has of the values of those that were solved."""
     count = p.rows * p.columns
     grid = np.eye(count).reshape(p.rows, p.columns, count)
@@ -523,8 +522,8 @@ class Piece:
     """
 
     unknowns: Names
-    places: Array
-    stiffness: Callable[[Names, float], Array]
+    places: Floats
+    stiffness: Callable[[Names, float], Floats]
 
 
 class Diagonal:
@@ -554,7 +553,7 @@ class Diagonal:
         self._second = partner[self._first]
         self.halves = bool(len(self._first))
 
-    def turned(self, columns: Array) -> Array:
+    def turned(self, columns: Floats) -> Floats:
         """Forces or displacements of sums and differences from those of the unknowns, or the other way round.
 
         Args:
@@ -586,14 +585,14 @@ class Diagonal:
             law = body.material.law
             turned = law[np.ix_(*4 * ([1, 0, 2],))]
 
-            def of_film(numbers: Names, _: float) -> Array:
+            def of_film(numbers: Names, _: float) -> Floats:
                 even, odd = (body.by_law(each / 2, kept[numbers]) for each in (law + turned, law - turned))
                 weights = np.concatenate([of_sum[numbers], of_difference[numbers]], axis=1)
                 return _scaled(np.block([[even, odd], [odd, even]]), weights)
 
             return [Piece(np.concatenate([sums, differences], axis=1), beside[1], of_film)]
 
-        def of(weights: Array) -> Callable[[Names, float], Array]:
+        def of(weights: Floats) -> Callable[[Names, float], Floats]:
             return lambda numbers, added: _scaled(body.stiffness(kept[numbers], added), weights[numbers])
 
         return [Piece(sums, beside[0], of(of_sum)), Piece(differences, beside[2], of(of_difference))]
@@ -612,7 +611,7 @@ class Diagonal:
         return (own[:, None] * steps + np.arange(steps)).ravel(), (own != image[own]).repeat(steps)[:, None]
 
 
-def _scaled(matrices: Array, weights: Array) -> Array:
+def _scaled(matrices: Floats, weights: Floats) -> Floats:
     """Matrices (elements, n, n) with rows and columns times weights (elements, n), in place; most weights are 1."""
     changed = np.flatnonzero((weights != 1).any(axis=0))
     matrices[:, changed] *= weights[:, changed, None]

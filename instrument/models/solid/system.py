@@ -14,6 +14,7 @@ from scipy import sparse
 from scipy.sparse.linalg import spsolve
 from skfem import FacetBasis
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models.finite_elements.elimination import (
     NODES,
     Condensed,
@@ -29,8 +30,6 @@ from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve, resolution
 from palpate.instrument.models.solid.mesh import Names, PlanElements, height_basis, locate
 from palpate.instrument.models.solid.parts import Diagonal, SolidPart, SolidStack, goals
-
-Array = NDArray[np.float64]
 
 # --- cells of an array that are alike --------------------------------------------------------------------
 
@@ -53,7 +52,7 @@ class Alike:
     names: Names
 
 
-def alike(unknowns: Names, cells: Names, relative: Array) -> Alike | None:
+def alike(unknowns: Names, cells: Names, relative: Floats) -> Alike | None:
     """The cells of a mesh that are like the one with the most free unknowns; None: there is no other.
 
     Args:
@@ -141,7 +140,7 @@ def _others(mesh: ElementSystem, cells: Alike) -> Names:
     return np.flatnonzero(other)
 
 
-def _one(mesh: ElementSystem, cells: Alike, kept: NDArray[np.bool_], loads: Array) -> ElementSystem:
+def _one(mesh: ElementSystem, cells: Alike, kept: NDArray[np.bool_], loads: Floats) -> ElementSystem:
     """The elements of one cell, which stands for all."""
     model = cells.elements[0]
     return ElementSystem(
@@ -170,7 +169,7 @@ def _joined(mesh: ElementSystem, cells: Alike, kept: NDArray[np.bool_], stays: N
     )
 
 
-def _matrices(of_cell: Array, cells: int, mesh: ElementSystem, rest: Names, elements: Names) -> list[Array]:
+def _matrices(of_cell: Floats, cells: int, mesh: ElementSystem, rest: Names, elements: Names) -> list[Floats]:
     """Matrices of some elements of a mesh whose first ones are cells."""
     others = iter(mesh.matrices(rest[elements[elements >= cells] - cells]))
     return [of_cell if element < cells else next(others) for element in elements.tolist()]
@@ -222,7 +221,7 @@ class Substructure:
         )
 
     def condensed(
-        self, contact: NDArray[np.bool_], loads: Callable[[float], Array], remembers: bool = False
+        self, contact: NDArray[np.bool_], loads: Callable[[float], Floats], remembers: bool = False
     ) -> Condensed:
         """What is left on the contact.
 
@@ -250,10 +249,10 @@ class Substructure:
         return total([one] * (len(NODES) if self.keeps_volume else 1))
 
     def _at(
-        self, added: float, contact: NDArray[np.bool_], loads: Callable[[float], Array], remembers: bool
+        self, added: float, contact: NDArray[np.bool_], loads: Callable[[float], Floats], remembers: bool
     ) -> Condensed:
-        def matrices(elements: Names) -> list[Array]:
-            found: dict[int, Array] = {}
+        def matrices(elements: Names) -> list[Floats]:
+            found: dict[int, Floats] = {}
             for (start, stop), (piece, step) in zip(pairwise(self._starts), self._pieces, strict=True):
                 own = elements[(elements >= start) & (elements < stop)]
                 if len(own):
@@ -309,7 +308,7 @@ class System:
         self.contact = self._sensor.has & self._sensed.has
         self._built = time.process_time() - start
 
-    def load(self, load_at: tuple[float, float] | None) -> Array:
+    def load(self, load_at: tuple[float, float] | None) -> Floats:
         """Forces of 1 N in all on the unknowns, by a point load, or by a uniform pressure or platen."""
         p, body = self.parameters, self.stack.object.body
         if load_at is None:
@@ -320,20 +319,20 @@ class System:
             weights[np.searchsorted(body.plan.nodes, nodes)] = values / 2 ** sum(self.mirrored)
         return self.forces(2, -1, -weights)
 
-    def forces(self, axis: int, level: int, weights: Array) -> Array:
+    def forces(self, axis: int, level: int, weights: Floats) -> Floats:
         """Forces on the unknowns by those on the object's nodes at one height, along one axis."""
         names = self.stack.object.names[axis, level]
         load = np.zeros(self.stack.unknowns + 1)
         np.add.at(load, names, weights)
         return load[:-1]
 
-    def works(self, of: Sequence[SolidPart], added: float) -> Array:
+    def works(self, of: Sequence[SolidPart], added: float) -> Floats:
         """Goals as forces (unknowns, goals), as far as they are works of these parts; added: as in `Work.forces`."""
         found = [
             work.forces(self.stack.unknowns, added) if work.part in of else np.zeros(self.stack.unknowns)
             for work in self._goals.works
         ]
-        columns: Array = np.stack(found, axis=1) @ self._goals.shares.T / self.copies
+        columns: Floats = np.stack(found, axis=1) @ self._goals.shares.T / self.copies
         return columns
 
     def cost(self, loads: int = 1) -> Cost:
@@ -343,7 +342,7 @@ class System:
         both = self._sensor.cost(self.contact, films + goals + 1) + self._sensed.cost(self.contact, loads + goals + 1)
         return replace(both + Cost(operations(contact, loads, goals + films)), unknowns=self.stack.unknowns)
 
-    def curve(self, loads: Sequence[Array]) -> SolidCurve:
+    def curve(self, loads: Sequence[Floats]) -> SolidCurve:
         """Answers to loads on the object's unknowns.
 
         Raises:
@@ -352,7 +351,7 @@ class System:
         with single():
             return interruptible(lambda: self._curve(loads))
 
-    def _curve(self, loads: Sequence[Array]) -> SolidCurve:
+    def _curve(self, loads: Sequence[Floats]) -> SolidCurve:
         start = time.process_time()
         asked = self._goals
         sensor_side, sensed_side = (self._condensed(side, loads) for side in (self._sensor, self._sensed))
@@ -387,7 +386,7 @@ class System:
             seconds=(self._built, time.process_time() - start),
         )
 
-    def _condensed(self, side: Substructure, loads: Sequence[Array], remembers: bool = False) -> Condensed:
+    def _condensed(self, side: Substructure, loads: Sequence[Floats], remembers: bool = False) -> Condensed:
         """What is left on the contact of one side of the whole sensor, of which a half or a quarter may be solved.
 
         Its loads are those of its own films under 1 V, or those on the object, and then those of the goals.
@@ -410,7 +409,7 @@ class System:
         # As `condensed` does it: with the true compliance, a volume that is kept would make this infinite.
         return extrapolated_number(energy, 1.0) if of.keeps_volume else energy(0.0)
 
-    def _through_teeth(self, sensed_side: Condensed, loads: Sequence[Array]) -> tuple[Array, Array]:
+    def _through_teeth(self, sensed_side: Condensed, loads: Sequence[Floats]) -> tuple[Floats, Floats]:
         """Displacements w of the contact (contact, goals), and offsets (goals, loads), for forces on rigid teeth.
 
         These follow from those of the ring on the object: w S1 E u = w (f - S0 u). For all teeth together w is the
@@ -431,7 +430,7 @@ class System:
         on_goals = np.concatenate([each, each if asked.bases > 1 else together, together], axis=1)
         return through @ on_goals, on_goals.T @ offsets
 
-    def displacement(self, load: Array) -> Array:
+    def displacement(self, load: Floats) -> Floats:
         """Displacements (unknowns,) under a load on the object, with its modulus in the parameters.
 
         The compliance of a part that keeps its volume is the least that its elements bear.
@@ -459,7 +458,7 @@ class System:
             found[side.has] = of.inside(moved, weights)
         return self._diagonal.turned(found)
 
-    def forces_below_object(self, moved: Array) -> Array:
+    def forces_below_object(self, moved: Floats) -> Floats:
         """Forces (elements of the plan, shapes) [N] along z on the shape functions of the object's lower side.
 
         Args:
@@ -471,7 +470,7 @@ class System:
         own = np.append(moved, 0.0)[body.local(part.names, lowest)]
         forces = self.parameters.sensed_modulus * (body.stiffness(lowest, part.step) @ own[..., None])
         side = np.flatnonzero(height.local[0] == 0)[0]
-        found: Array = forces.reshape(len(lowest), 3, height.local.shape[1], -1)[:, 2, side]
+        found: Floats = forces.reshape(len(lowest), 3, height.local.shape[1], -1)[:, 2, side]
         return found
 
     def _open(self, side: Condensed) -> Sensor:
@@ -480,7 +479,7 @@ class System:
         films = slice(0, len(areas))
         return Sensor(side, films, np.array([capacitance(p.film, area, p.film_thickness) for area in areas]))
 
-    def _modes(self) -> Array:
+    def _modes(self) -> Floats:
         """Displacements of the contact (contact, modes) by which the object moves freely as a rigid body."""
         part, stack = self.stack.object, self.stack
         body = part.body
@@ -529,10 +528,10 @@ class SectionField:
         along, up: (columns, rows), displacements along x and z [m].
     """
 
-    x: Array
-    z: Array
-    along: Array
-    up: Array
+    x: Floats
+    z: Floats
+    along: Floats
+    up: Floats
 
 
 @dataclass(frozen=True, slots=True)
@@ -546,8 +545,8 @@ class SolidSection:
     """
 
     bodies: Mapping[str, tuple[SectionField, ...]]
-    x: Array
-    pressure: Array
+    x: Floats
+    pressure: Floats
 
 
 def section(p: SolidParameters, refinement: int) -> SolidSection:
@@ -585,7 +584,7 @@ class _ElementLine:
         names: (sides, shapes), names of the shape functions in the plan.
     """
 
-    def __init__(self, stack: SolidStack, height: float, points: Array) -> None:
+    def __init__(self, stack: SolidStack, height: float, points: Floats) -> None:
         mesh = stack.plan.mesh
         x, y = mesh.p[:, mesh.facets]
         negligible = 1e-9 * mesh.p.max()
@@ -603,7 +602,7 @@ class _ElementLine:
         self.names = stack.basis.element_dofs[:, self.elements].T
 
 
-def _pieces(line: _ElementLine, part: SolidPart, moved: Array) -> list[SectionField]:
+def _pieces(line: _ElementLine, part: SolidPart, moved: Floats) -> list[SectionField]:
     body = part.body
     sides = np.flatnonzero(np.isin(line.elements, body.plan.elements))
     if not len(sides):
@@ -640,7 +639,7 @@ def _mirrored(pieces: list[SectionField], length: float) -> list[SectionField]:
     return whole
 
 
-def _pressure(line: _ElementLine, system: System, moved: Array) -> tuple[Array, Array]:
+def _pressure(line: _ElementLine, system: System, moved: Floats) -> tuple[Floats, Floats]:
     """The pressure whose work on every shape function of the face is that of the object's forces on it."""
     stack = system.stack
     body = stack.object.body

@@ -15,15 +15,14 @@ from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import answer, enough, first_sets
 from palpate.instrument.allocation.table import FIRST, MOST_SETS, ROUNDING, Allocation, RunOption, allocation
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
-from palpate.instrument.contracts.sensor_node import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import RangeError
-from palpate.instrument.findings.mean_ratio import NOISE, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.film_forces import NOISE, PRIOR_FREEDOM, SCATTER
 from palpate.instrument.quantity import as_typed, check_tolerance, counted, plus_minus, show
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.signals.rapid_noise import of_greatest
+from palpate.instrument.signals.noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (

@@ -12,11 +12,11 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.contracts.sensor_node import RANGE_VOLTS
+from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.quantity import counted, plus_minus, show, show_with_u
 from palpate.instrument.sensor.design import Design, Film
-from palpate.instrument.signals.rapid_noise import of_greatest
+from palpate.instrument.signals.noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
 from palpate.instrument.uncertainty.interpolation import Interpolation, interpolate
 from palpate.procedures.lab.session import Outcome

@@ -10,10 +10,13 @@ from pathlib import Path
 from typing import Any
 
 from palpate.instrument.bench.description import recorded_bench
-from palpate.instrument.calibration.classification import Classification, iso_376_class_of
-from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY
+from palpate.instrument.calibration.load_cell import (
+    STANDARD_GRAVITY,
+    Classification,
+    LoadCellCalibration,
+    iso_376_class_of,
+    load_budget,
+)
 from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
 from palpate.procedures.measurements.load_cell.dcc import TOLD, CertifiedQuantity, dcc

@@ -16,29 +16,29 @@ import numpy.typing as npt
 from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, RunOption, Table, allocation
-from palpate.instrument.calibration.classification import (
-    ISO_376,
-    WeightRun,
-    lacking_for_iso_376,
-    quantities,
-    short_of_iso_376,
-)
-from palpate.instrument.calibration.displayed import displayed_curve, rounding_u
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
-from palpate.instrument.calibration.load_cell_curve import (
+from palpate.instrument.calibration.load_cell import (
     CURVE,
+    ISO_376,
     POSITIONS,
     REPEATABILITY,
+    STANDARD_GRAVITY,
+    THESIS_LOAD_CELL,
     WEIGHTS,
+    LoadCellCalibration,
+    WeightRun,
+    calibrate_load_cell,
+    displayed_curve,
+    lacking_for_iso_376,
     load_cell_curve,
+    quantities,
+    rounding_u,
+    short_of_iso_376,
     slope_u,
 )
-from palpate.instrument.calibration.load_cell_fit import STANDARD_GRAVITY, THESIS_LOAD_CELL, calibrate_load_cell
 from palpate.instrument.errors import DeviceError, EstimateError, RangeError, UnknownName, UsageError, quoted
 from palpate.instrument.quantity import LARGEST_TOLERANCE, check_tolerance, counted, plus_minus, show
-from palpate.instrument.uncertainty.budget import NORMAL_FACTOR
+from palpate.instrument.uncertainty.budget import NORMAL_FACTOR, mean_u
 from palpate.instrument.uncertainty.interpolation import interpolate, polynomials
-from palpate.instrument.uncertainty.rounding import mean_u
 from palpate.procedures.engine.plan import Plan, Predicted, Step
 from palpate.procedures.engine.procedure import (
     RESULTS,

@@ -10,9 +10,13 @@ from typing import Annotated, Any
 
 import numpy as np
 
-from palpate.instrument.calibration.classification import Classification, WeightRun, iso_376_class_of
-from palpate.instrument.calibration.load_budget import load_budget
-from palpate.instrument.calibration.load_cell import LoadCellCalibration
+from palpate.instrument.calibration.load_cell import (
+    Classification,
+    LoadCellCalibration,
+    WeightRun,
+    iso_376_class_of,
+    load_budget,
+)
 from palpate.instrument.quantity import show
 from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.lab.session import Outcome

@@ -33,8 +33,15 @@ from palpate.instrument.allocation.table import (
 )
 from palpate.instrument.calibration.films import FEWEST
 from palpate.instrument.errors import PalpateError, RangeError
-from palpate.instrument.findings.film_forces import calibration_u, pickup_u
-from palpate.instrument.findings.mean_ratio import CALIBRATION, NOISE, PICKUP, PRIOR_FREEDOM, SCATTER
+from palpate.instrument.findings.film_forces import (
+    CALIBRATION,
+    NOISE,
+    PICKUP,
+    PRIOR_FREEDOM,
+    SCATTER,
+    calibration_u,
+    pickup_u,
+)
 from palpate.instrument.findings.object_modulus import (
     MOST_SENSITIVE,
     ByReferences,
@@ -44,11 +51,11 @@ from palpate.instrument.findings.object_modulus import (
     validation_of,
 )
 from palpate.instrument.models.curve import RatioCurve, corrected, ratio_curve
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine, validate
 from palpate.instrument.quantity import LARGEST_TOLERANCE, as_asked, as_typed, counted, plus_minus, rounded_up, show
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.signals.sine_columns import sine_columns
+from palpate.instrument.signals.estimate import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target

@@ -14,12 +14,12 @@ from palpate.instrument.allocation.lines import MOST_FREEDOM, BudgetLine, Costs,
 from palpate.instrument.allocation.stopping import Ratios, StoppingVerdict, answer, enough, first_sets, pooled
 from palpate.instrument.allocation.table import FIRST, OutOfReach
 from palpate.instrument.calibration.calibration import ANY, CalibrationOwner
-from palpate.instrument.calibration.mounting_scatter import MountingScatterCalibration
+from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.errors import RangeError, UsageError
-from palpate.instrument.findings.mean_ratio import PRIOR_FREEDOM
+from palpate.instrument.findings.film_forces import PRIOR_FREEDOM
 from palpate.instrument.findings.object_modulus import answering
 from palpate.instrument.models.curve import RatioCurve
-from palpate.instrument.models.ratio import FIXED, RatioQuestion
+from palpate.instrument.models.response import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample

@@ -8,9 +8,9 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Annotated, Any
 
-from palpate.instrument.findings.mean_ratio import CALIBRATION
+from palpate.instrument.findings.film_forces import CALIBRATION
 from palpate.instrument.findings.object_modulus import COVERAGE, estimate
-from palpate.instrument.models.ratio import RatioQuestion
+from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.quantity import counted, plus_minus, show
 from palpate.instrument.sensor.sample import get_sample

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from palpate.extend import Bench, Films, LoadServo, film_forces, preload_for, press, withdraw
-from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 

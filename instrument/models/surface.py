@@ -3,7 +3,7 @@
     find(get_design("single"), load).force_ratios(np.array([24e3, 1e5]))
 
 They are the curves of a finite-element model's first meshes over the modulus of the object, for the designs and the
-sets of parameters in `stored/curves`. A file's name tells the design, the refinement and the start of its hash.
+sets of parameters in the folder `curves`. A file's name tells the design, the refinement and the start of its hash.
 """
 
 from __future__ import annotations
@@ -16,13 +16,11 @@ from collections.abc import Iterable, Iterator
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
-from palpate.instrument.models.finite_elements.kept import SUFFIX, read, write
 from palpate.instrument.models.finite_elements.poles import Curve
+from palpate.instrument.models.finite_elements.work import SUFFIX, read, write
 from palpate.instrument.models.parameters import (
     CODE_VERSION,
     Parameters,
@@ -36,9 +34,8 @@ from palpate.instrument.models.solid import ladders
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution, SolidCurve
 from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.load import Load
+from palpate.instrument.sensor.sample import Load
 
-Array = NDArray[np.float64]
 Solution = axisymmetric.Solution | solid.SolidSolution
 
 # Shipped refinements: all up to one that is good to 1e-6, and in space all.
@@ -109,11 +106,11 @@ class Surface:
         """Processor time in which all meshes were found, with those beside [s]."""
         return math.fsum(mesh.seconds for mesh in (*self.meshes, *(self.beside or ())))
 
-    def force_ratios(self, moduli: Array) -> Array:
+    def force_ratios(self, moduli: Floats) -> Floats:
         """Tooth force over total force at moduli of the object [Pa]."""
         return self.poles.force_ratios(moduli)[:, 0]
 
-    def estimates(self, moduli: Array) -> tuple[Array, Array]:
+    def estimates(self, moduli: Floats) -> tuple[Floats, Floats]:
         """Bounds on the errors of force ratio and voltages under 1 N [V], at moduli of the object [Pa]."""
         curves = [mesh.poles for mesh in self.meshes]
         if isinstance(self.parameters, RoundParameters):
@@ -121,12 +118,12 @@ class Surface:
         known = None if self.beside is None else [mesh.poles for mesh in self.beside]
         return solid.estimates(curves, self.parameters, moduli, known)
 
-    def relative(self, moduli: Array) -> Array:
+    def relative(self, moduli: Floats) -> Floats:
         """Bounds on the errors of force ratios, relative to these, at moduli of the object [Pa]."""
-        found: Array = self.estimates(moduli)[0] / self.force_ratios(moduli)
+        found: Floats = self.estimates(moduli)[0] / self.force_ratios(moduli)
         return found
 
-    def solve_at(self, moduli: Array) -> list[tuple[Solution, float]]:
+    def solve_at(self, moduli: Floats) -> list[tuple[Solution, float]]:
         """Solutions under 1 N and their error estimates, at moduli of the object [Pa]."""
         ratio, voltage = self.estimates(moduli)
         finest, found = self.meshes[-1], list[Solution]()

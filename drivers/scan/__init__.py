@@ -1,1 +1,0 @@
-"""Finds out which devices answer on TCP addresses, serial lines and CAN buses, by reading alone."""

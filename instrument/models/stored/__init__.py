@@ -1,1 +1,0 @@
-"""Curves of force ratio over modulus, computed beforehand and evaluated in microseconds."""

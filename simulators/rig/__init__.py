@@ -1,1 +1,0 @@
-"""The physical rig behind the simulated devices, built from a scene and its effects."""
