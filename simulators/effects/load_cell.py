@@ -8,6 +8,7 @@ from typing import ClassVar
 
 from pydantic import Field
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.quantity import Seconds, Volts, VoltsPerNewton
 from palpate.simulators.physics.effect import Bound, Case, CellEffect, Kind
 from palpate.simulators.randomness import Stream
