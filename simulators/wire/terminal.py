@@ -49,6 +49,7 @@ class Terminal:
         """From now on pass frames through `noise`."""
         noise.watch(self._own)
         self._noise = noise
+        self._leave()  # a client that is connected notes that before its next request, and opens the terminal
 
     def _connected(self) -> socket.socket | None:
         """The client's end of a pair of sockets in place of the terminal; None: noise needs that.
