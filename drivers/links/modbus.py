@@ -154,6 +154,12 @@ class RtuClient(ModbusSerialClient):
         # a gateway on the network can answer by itself, as soon as it is asked
         self._has_wire = "://" not in port and stepper is None
 
+    def connect(self) -> bool:
+        """Connect, if it is not connected; returns whether it is."""
+        if self.socket is None and self._stepper is not None:
+            self.socket = self._stepper.connected(self.comm_params.host)  # type: ignore[assignment]
+        return self.socket is not None or super().connect()
+
     def send(self, request: bytes, addr: tuple[Any, ...] | None = None) -> int:
         """Throw away bytes that came unasked, keep the silence between frames, and hand the request to the system.
 

@@ -213,6 +213,9 @@ class Stepper(Protocol):
     def end_turns(self, turn: Callable[[], bool]) -> None:
         """Call `turn` no more."""
 
+    def connected(self, port: str) -> socket.socket | None:
+        """This end of a serial line that needs no terminal; None: the port is to be opened."""
+
 
 # --- the links of a bench file -------------------------------------------------------------------------
 

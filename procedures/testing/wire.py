@@ -11,7 +11,7 @@ from typing import Any
 
 import can
 import pytest
-from pymodbus.client import ModbusSerialClient, ModbusTcpClient
+from pymodbus.client import ModbusTcpClient
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.canopen_device import CanopenDevice
@@ -55,19 +55,13 @@ SHORT = 0.2  # s
 @contextmanager
 def impatient(link: ModbusLink) -> Iterator[None]:
     """Inside, the link waits only `SHORT` for a reply; use it where no reply is expected, as a busy machine is slow."""
-    client = link.client
-    patient = client.comm_params.timeout_connect
-    _wait_for(client, SHORT)
+    settings = link.client.comm_params
+    patient = settings.timeout_connect
+    settings.timeout_connect = SHORT
     try:
         yield
     finally:
-        _wait_for(client, patient)
-
-
-def _wait_for(client: ModbusTcpClient | ModbusSerialClient, timeout: float) -> None:
-    client.comm_params.timeout_connect = timeout
-    if isinstance(client, ModbusSerialClient) and client.socket is not None:
-        client.socket.timeout = timeout
+        settings.timeout_connect = patient
 
 
 @contextmanager

@@ -8,6 +8,7 @@ import logging
 import math
 import os
 import select
+import socket
 import threading
 import time
 from collections import deque
@@ -42,6 +43,7 @@ class Loop:
         self._timers: list[tuple[float, int, Call]] = []
         self._numbers = itertools.count()
         self._turns: list[Callable[[], bool]] = []
+        self.ports: dict[str, Callable[[], socket.socket | None]] = {}  # what connects a client in this thread
         self.lock = threading.RLock()
         self._inside = False
         self._ends = Ends()
@@ -108,6 +110,9 @@ class Loop:
 
     def end_turns(self, turn: Callable[[], bool]) -> None:
         self._turns.remove(turn)
+
+    def connected(self, port: str) -> socket.socket | None:
+        return self.ports[port]() if port in self.ports else None
 
     # --- serving ---------------------------------------------------------------------------------------
 

@@ -513,7 +513,8 @@ class Terminal:
 
     A pseudo-terminal carries bytes at once. The timing of a real wire at the client's baud rate is therefore made here:
     no answer begins before its request can have been sent completely, and after a silence a new request begins, even
-    if the old one is incomplete. A client in whose waits the line is served knows that, and is answered at once.
+    if the old one is incomplete. A client in whose waits the line is served knows that, and is answered at once,
+    through a pair of sockets.
     """
 
     def __init__(self, loop: Loop, server: SerialServer, *, at_once: bool) -> None:
@@ -524,12 +525,48 @@ class Terminal:
         self._own, self._client, self.path = pseudo_terminal()
         os.set_blocking(self._own, False)
         self._heard_at = self._earliest = time.monotonic()
+        self._near: socket.socket | None = None
         loop.watch(self._own, self._heard)
+        if at_once:
+            loop.ports[self.path] = self._connected
 
     def make_noisy(self, noise: LineNoise) -> None:
         """From now on pass frames through `noise`."""
         noise.watch(self._own)
         self._noise = noise
+        self._leave()  # a client that is connected notes that before its next request, and opens the terminal
+
+    def _connected(self) -> socket.socket | None:
+        """The client's end of a pair of sockets in place of the terminal; None: noise needs that.
+
+        Each write to a terminal wakes a thread of the kernel, which takes the processor from this one.
+        """
+        if self._noise is not None:
+            return None
+        self._leave()
+        near, far = socket.socketpair()
+        near.setblocking(False)
+        self._near = near
+        self._loop.watch(near.fileno(), lambda: self._heard_near(near))
+        return far
+
+    def _heard_near(self, near: socket.socket) -> None:
+        try:
+            data = near.recv(PIECE)
+        except BlockingIOError:
+            return
+        except OSError:  # it was left with an answer unread
+            data = b""
+        if data:
+            self._server.heard(data, lambda answer: _send(near.fileno(), answer), anew=True)
+        else:
+            self._leave()
+
+    def _leave(self) -> None:
+        if self._near is not None:
+            self._loop.forget(self._near.fileno())
+            self._near.close()
+        self._near = None
 
     def _heard(self) -> None:
         try:
@@ -552,22 +589,25 @@ class Terminal:
     def _answer(self, data: bytes) -> None:
         sent = data if self._noise is None else self._noise.to_client(data)
         if time.monotonic() < self._earliest:
-            self._loop.at(self._earliest, lambda: self._send(sent))
+            self._loop.at(self._earliest, lambda: _send(self._own, sent))
         else:
-            self._send(sent)
-
-    def _send(self, data: bytes) -> None:
-        if self._own >= 0:
-            with contextlib.suppress(BlockingIOError):
-                os.write(self._own, data)
+            _send(self._own, sent)
 
     def close(self) -> None:
         """Close both ends: the server hears nothing more, and the client's line is gone."""
+        self._leave()
+        self._loop.ports.pop(self.path, None)
         if self._own >= 0:
             self._loop.forget(self._own)
             os.close(self._client)
             os.close(self._own)
         self._own = -1
+
+
+def _send(end: int, data: bytes) -> None:
+    if end >= 0:  # else it was closed meanwhile
+        with contextlib.suppress(BlockingIOError, BrokenPipeError):
+            os.write(end, data)
 
 
 # --- the links -----------------------------------------------------------------------------------------

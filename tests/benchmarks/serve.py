@@ -87,7 +87,7 @@ def _peer(name: str, script: str | None) -> Row:
     if script is None:
         return Row(figure, "not tried: it needs a C compiler and libmodbus (Debian: gcc, libmodbus-dev)")
     costs = [served(script, partial(cost, clients=clients), ROUNDS)[0] for clients in CLIENTS]
-    return Row(figure, " / ".join(f"{1e6 * cost:.1f}" for cost in costs) + " µs")
+    return Row(figure, " / ".join(f"{1e6 * each:.1f}" for each in costs) + " µs")
 
 
 def _built(source: Path, program: Path) -> str | None:

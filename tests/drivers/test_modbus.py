@@ -40,6 +40,7 @@ def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU
     monkeypatch.setattr(link.client.transaction, "trace_pdu", other)
 
 
+@pytest.mark.usefixtures("in_threads")
 def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
     bench: Bench, sim: SimulatedBench
 ) -> None:

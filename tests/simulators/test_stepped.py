@@ -10,12 +10,17 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+import serial
 
 import palpate
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.load_indicator import StrainIndicator
+from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.roles import LoadIndicator
-from palpate.instrument.contracts.field import PROBE
+from palpate.instrument.contracts.contract import PROBE
+from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.exciter import SimulatedSignalGenerator
+from palpate.simulators.planning.settle import read_scene
 
 DEVICES = ("signal_generator", "strain_indicator", "sensor_node_1")  # on TCP, on the line, on CAN
 
@@ -53,6 +58,19 @@ def test_a_bench_is_used_inside_a_running_event_loop_as_a_notebook_has_one() -> 
             return probes(bench)
 
     assert asyncio.run(cell()) == {PROBE}
+
+
+def test_the_serial_line_is_no_terminal_and_is_opened_again_as_one() -> None:
+    """Each write to a terminal wakes a thread of the kernel, which takes the processor from the program."""
+    with SimulatedBench(read_scene("ideal"), stepped=True) as sim:
+        line = sim.description.links["line"]
+        indicator = StrainIndicator(ModbusLink.rtu(line, sim.clock, sim.clock.stepper), 1, sim.clock)
+        for _ in range(2):
+            indicator.link.open()
+            assert indicator.get("probe") == PROBE
+            with serial.Serial(line.port, exclusive=True):  # refused where the terminal is in use
+                pass
+            indicator.link.close()
 
 
 def test_threads_share_a_bench() -> None:
