@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import queue
 import threading
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -19,6 +19,7 @@ from palpate.procedures.records.run_list import find_run
 WAITING = 10_000  # events that a listener may not have taken yet
 FEW = 4  # events that may wait before a trace, which none needs, is dropped
 PATIENCE = 2.0  # s that a listener may take for one event once the run has ended
+LOOK = 0.05  # s between two looks of a listener for events: the run stands still a moment whenever a thread wakes
 
 
 def watch(run: str | Path) -> Iterator[Event]:
@@ -107,27 +108,24 @@ class _Thread:
     def __init__(self, listener: Listener) -> None:
         self.traced = isinstance(listener, Traced)
         self._listener = listener.listener if isinstance(listener, Traced) else listener
-        self._events: queue.Queue[Event | None] = queue.Queue(WAITING)
+        self._events: deque[Event] = deque()
+        self._ending = threading.Event()
         self._dropped = ""
         self._busy, self._since = False, monotonic()  # with an event, and when it began or ended one
         self._thread = threading.Thread(target=self._listen, name=f"listener {self._name}", daemon=True)
         self._thread.start()
 
     def __call__(self, event: Event) -> None:
-        if self._dropped or (event.kind == "trace" and self._events.qsize() >= FEW):
+        if self._dropped or (event.kind == "trace" and len(self._events) >= FEW):
             return
-        try:
-            self._events.put_nowait(event)
-        except queue.Full:
+        if len(self._events) == WAITING:
             self._drop(f"it left {WAITING:,} events untaken")
+        else:
+            self._events.append(event)
 
     def end(self) -> None:
         """Wait until it has taken all events, but no longer than PATIENCE for one of them."""
-        if not self._dropped:
-            try:
-                self._events.put_nowait(None)
-            except queue.Full:
-                self._drop(f"it left {WAITING:,} events untaken")
+        self._ending.set()
         ended = monotonic()
         while self._thread.is_alive() and not self._dropped:
             left = (self._since if self._busy else max(self._since, ended)) + PATIENCE - monotonic()
@@ -137,14 +135,19 @@ class _Thread:
                 self._thread.join(left)
 
     def _listen(self) -> None:
-        while (event := self._events.get()) is not None and not self._dropped:
-            self._since, self._busy = monotonic(), True
-            try:
-                self._listener(event)
-            except BaseException as error:
-                self._drop(f"it failed: {type(error).__name__}: {error}")
-                return
-            self._since, self._busy = monotonic(), False
+        ending = False
+        while not ending:
+            ending = self._ending.wait(LOOK)
+            while self._events:
+                if self._dropped:
+                    return
+                self._since, self._busy = monotonic(), True
+                try:
+                    self._listener(self._events.popleft())
+                except BaseException as error:
+                    self._drop(f"it failed: {type(error).__name__}: {error}")
+                    return
+                self._since, self._busy = monotonic(), False
 
     def _drop(self, why: str) -> None:
         self._dropped = why
