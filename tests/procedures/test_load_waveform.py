@@ -20,9 +20,11 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate
+from tests.procedures.live import served
+from tests.procedures.test_live_page import Page, browser, page
 from tests.procedures.test_long_dwell import PIECES, SWEEP, CutShort, cut_short
 
-__all__ = ["cut_short"]  # a fixture
+__all__ = ["browser", "cut_short", "page"]  # fixtures
 
 AMPLIFIER = 1.0  # s
 WIRED = "load_channel = 3"
@@ -127,6 +129,14 @@ def test_the_oscilloscope_of_the_live_page_gets_it_beside_the_films(tmp_path: Pa
     for trace in traces:
         assert trace.data["films"] == ["rigid", "total", "load"]
         assert trace.data["voltage"].shape[0] == 3
+
+
+@pytest.mark.slow
+def test_the_page_draws_it_and_triggers_on_it(page: Page, wired: palpate.Finished[Any]) -> None:
+    with served(wired.folder.parent, "live", wired.folder.name) as live:
+        page.driver.get(live.address)
+        page.until(lambda: [row[0] for row in page.readings()] == ["rigid", "total", "load"])
+        assert page.js("return document.getElementById('trigger').selectedOptions[0].text") == "load"
 
 
 def test_the_output_gives_what_the_display_shows_at_each_gage_factor(tmp_path: Path) -> None:
