@@ -18,6 +18,7 @@ from palpate.instrument.calibration.load_cell_fit import THESIS_LOAD_CELL
 from palpate.procedures.engine.listeners import Traced
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.rig.rig import RigLoadCell
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate
 from tests.procedures.live import served
@@ -278,3 +279,16 @@ def test_a_run_is_not_resumed_with_another_wiring(lab: str, palpate: Palpate, on
     file.write_text(file.read_text(encoding="utf-8").replace(WIRED, "load_channel = 4"), encoding="utf-8")
     said = palpate("runs", "resume", "cut", "--bench", lab, "--assume-mounted")
     assert "bench.load_channel: 3 in the record, 4 now" in said.complaint
+
+
+def test_an_output_that_is_too_large_for_its_channel_is_told_and_costs_no_point(
+    lab: str, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It gives 0.2 V for each mV of the display."""
+    output = RigLoadCell.output
+    monkeypatch.setattr(RigLoadCell, "output", lambda *of: 200 * output(*of))
+    found = palpate(*ON_BENCH, "--bench", lab).object
+    (point,) = found["points"]
+    assert (point["valid"], point["flags"], point["load_waveform_N"]) == (True, [], None)
+    events = palpate("runs", "show", found["run"], "--json").object["events"]
+    assert ["is clipped" in event["message"] for event in events if event["kind"] == "load"] == [True]
