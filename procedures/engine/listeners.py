@@ -2,8 +2,8 @@
 
 from __future__ import annotations
 
-import queue
 import threading
+from collections import deque
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -17,6 +17,7 @@ from palpate.procedures.records.run import find_run
 
 WAITING = 10_000  # events that a listener may not have taken yet
 PATIENCE = 2.0  # s that a listener may take for one event once the run has ended
+LOOK = 0.05  # s between two looks of a listener for events: the run stands still a moment whenever a thread wakes
 
 
 def watch(run: str | Path) -> Iterator[Event]:
@@ -99,7 +100,8 @@ class _Thread:
 
     def __init__(self, listener: Listener) -> None:
         self._listener = listener
-        self._events: queue.SimpleQueue[Event | None] = queue.SimpleQueue()
+        self._events: deque[Event] = deque()
+        self._ending = threading.Event()
         self._dropped = ""
         self._busy, self._since = False, monotonic()  # with an event, and when it began or ended one
         self._thread = threading.Thread(target=self._listen, name=f"listener {self._name}", daemon=True)
@@ -108,14 +110,14 @@ class _Thread:
     def __call__(self, event: Event) -> None:
         if self._dropped:
             return
-        if self._events.qsize() >= WAITING:
+        if len(self._events) == WAITING:
             self._drop(f"it left {WAITING:,} events untaken")
         else:
-            self._events.put(event)
+            self._events.append(event)
 
     def end(self) -> None:
         """Wait until it has taken all events, but no longer than PATIENCE for one of them."""
-        self._events.put(None)
+        self._ending.set()
         ended = monotonic()
         while self._thread.is_alive() and not self._dropped:
             left = (self._since if self._busy else max(self._since, ended)) + PATIENCE - monotonic()
@@ -125,14 +127,19 @@ class _Thread:
                 self._thread.join(left)
 
     def _listen(self) -> None:
-        while (event := self._events.get()) is not None and not self._dropped:
-            self._since, self._busy = monotonic(), True
-            try:
-                self._listener(event)
-            except BaseException as error:
-                self._drop(f"it failed: {type(error).__name__}: {error}")
-                return
-            self._since, self._busy = monotonic(), False
+        ending = False
+        while not ending:
+            ending = self._ending.wait(LOOK)
+            while self._events:
+                if self._dropped:
+                    return
+                self._since, self._busy = monotonic(), True
+                try:
+                    self._listener(self._events.popleft())
+                except BaseException as error:
+                    self._drop(f"it failed: {type(error).__name__}: {error}")
+                    return
+                self._since, self._busy = monotonic(), False
 
     def _drop(self, why: str) -> None:
         self._dropped = why

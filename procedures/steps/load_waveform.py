@@ -33,14 +33,13 @@ def load_columns(
     """
     names = [re.sub(r"[^A-Za-z0-9]+", "_", film.name) for film in design.films]
     columns = [LOAD_N, LOAD_U, *(f"phase_{name}_{what}" for name in names for what in ("deg", "u"))]
-    try:
-        fit = load.fit(films.frequency, clipped=False)
-    except EstimateError:
-        return dict.fromkeys(columns)
     if load.clips.any():
         return dict.fromkeys(columns)
-    peak_to_peak_mV = 2e3 * float(fit.unbiased[0])
-    newtons, _ = calibration.load(calibration.zero_mV + peak_to_peak_mV)
+    try:
+        fit = load.fit(films.frequency, clipped=False)
+        newtons, _ = calibration.load(calibration.zero_mV + 2e3 * float(fit.unbiased[0]))
+    except EstimateError:
+        return dict.fromkeys(columns)
     noise_u = 2e3 * float(fit.amplitude_u[0]) / calibration.sensitivity_mV_per_N
     values = [newtons, math.hypot(noise_u, calibration.curve_u(newtons))]
     for phase, phase_u in zip(films.phase, films.phase_u, strict=True):

@@ -18,11 +18,14 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.engine.listeners import Traced
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.rig import RigLoadCell
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate
+from tests.procedures.live import served
+from tests.procedures.test_live_page import Page, browser, page
 from tests.procedures.test_long_dwell import PIECES, SWEEP, CutShort, cut_short
 
-__all__ = ["cut_short"]  # a fixture
+__all__ = ["browser", "cut_short", "page"]  # fixtures
 
 AMPLIFIER = 1.0  # s
 WIRED = "load_channel = 3"
@@ -127,6 +130,14 @@ def test_the_oscilloscope_of_the_live_page_gets_it_beside_the_films(tmp_path: Pa
     for trace in traces:
         assert trace.data["films"] == ["rigid", "total", "load"]
         assert trace.data["voltage"].shape[0] == 3
+
+
+@pytest.mark.slow
+def test_the_page_draws_it_and_triggers_on_it(page: Page, wired: palpate.Finished[Any]) -> None:
+    with served(wired.folder.parent, "live", wired.folder.name) as live:
+        page.driver.get(live.address)
+        page.until(lambda: [row[0] for row in page.readings()] == ["rigid", "total", "load"])
+        assert page.js("return document.getElementById('trigger').selectedOptions[0].text") == "load"
 
 
 def test_the_output_gives_what_the_display_shows_at_each_gage_factor(tmp_path: Path) -> None:
@@ -268,3 +279,16 @@ def test_a_run_is_not_resumed_with_another_wiring(lab: str, palpate: Palpate, on
     file.write_text(file.read_text(encoding="utf-8").replace(WIRED, "load_channel = 4"), encoding="utf-8")
     said = palpate("runs", "resume", "cut", "--bench", lab, "--assume-mounted")
     assert "bench.load_channel: 3 in the record, 4 now" in said.complaint
+
+
+def test_an_output_that_is_too_large_for_its_channel_is_told_and_costs_no_point(
+    lab: str, palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It gives 0.2 V for each mV of the display."""
+    output = RigLoadCell.output
+    monkeypatch.setattr(RigLoadCell, "output", lambda *of: 200 * output(*of))
+    found = palpate(*ON_BENCH, "--bench", lab).object
+    (point,) = found["points"]
+    assert (point["valid"], point["flags"], point["load_waveform_N"]) == (True, [], None)
+    events = palpate("runs", "show", found["run"], "--json").object["events"]
+    assert ["is clipped" in event["message"] for event in events if event["kind"] == "load"] == [True]
