@@ -151,7 +151,7 @@ def _result(run: Run, points: list[dict[str, Any]]) -> tuple[RecordedResult | No
 # --- the page ------------------------------------------------------------------------------------------
 
 
-def report_page(reports: Sequence[Reported], comparisons: Sequence[Comparison]) -> str:
+def report_page(reports: Sequence[Reported], comparisons: Sequence[ComparedRun]) -> str:
     """The page of one run, or that of several with their comparisons."""
     load_matplotlib()
     first, *others = reports
@@ -271,14 +271,14 @@ def draw_run(of: Reported, file: Path) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ComparedRun:
     """A run compared with the first: their results, and their points; None: one of both gives no result."""
 
     results: Sequence[Difference]
     points: ComparedPoints | None
 
 
-def compared(reports: Sequence[Reported]) -> list[Comparison]:
+def compared(reports: Sequence[Reported]) -> list[ComparedRun]:
     """Each further run compared with the first."""
     first, *others = reports
     found = []
@@ -287,11 +287,11 @@ def compared(reports: Sequence[Reported]) -> list[Comparison]:
         if first.found is not None and each.found is not None:
             columns = number_columns(procedure_class(first.run.procedure).point)
             points = compared_points(columns, first.found.asked, first.points, each.points)
-        found.append(Comparison(list(differences(first.budgets, each.budgets)), points))
+        found.append(ComparedRun(list(differences(first.budgets, each.budgets)), points))
     return found
 
 
-def _comparison(reports: Sequence[Reported], comparisons: Sequence[Comparison]) -> Iterator[str]:
+def _comparison(reports: Sequence[Reported], comparisons: Sequence[ComparedRun]) -> Iterator[str]:
     for order, found in enumerate(comparisons, 2):
         values = ("run 1", "u", f"run {order}", "u")
         heads = ("quantity", *values, "difference", "u independent", "u shared", "± 95 %", "told apart")
