@@ -228,11 +228,12 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     """
     from palpate.procedures.engine.limits import read_limits
     from palpate.procedures.engine.verdict import STATUS
+    from palpate.procedures.records.run import check_new
     from palpate.procedures.records.run_list import find_run
-    from palpate.procedures.showing.run_report import check_page, compared, report_page, reported, write_page
+    from palpate.procedures.showing.run_report import PAGES, compared, report_page, reported, write_page
 
     output = Output(as_json, quiet)
-    check_page(out)
+    check_new(out, PAGES)
     asked, folders = None if limits is None else read_limits(limits), [find_run(name, store()) for name in run]
     with reported(folders, asked) as found:
         comparisons = compared(found)

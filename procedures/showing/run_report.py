@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -32,7 +31,7 @@ from palpate.procedures.engine.recorded import RecordedResult, result_of
 from palpate.procedures.engine.settings import asked_of, shown
 from palpate.procedures.engine.verdict import Judgement, judge
 from palpate.procedures.records.damage import check, repair
-from palpate.procedures.records.run import Run, storing, telling_damage
+from palpate.procedures.records.run import Run, check_new, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets
 from palpate.procedures.showing.figure import drawn_anew, is_png
 from palpate.procedures.showing.page import MOST, figure, of_things, page, pairs, rows, section, warning
@@ -43,7 +42,7 @@ from palpate.procedures.showing.verdicts import show_verdicts
 from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS
 
-NAME = "report"
+NAME, PAGES = "report", (".html",)
 CALIBRATED = {
     "calibration": ("load cell", "load_cell"),
     "film_calibration": ("films", "films"),
@@ -362,14 +361,6 @@ def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:
 # --- the file ------------------------------------------------------------------------------------------
 
 
-def check_page(out: Path | None) -> None:
-    """Refuse a file for a page that is no new one. Raises UsageError."""
-    if out is not None and out.suffix != ".html":
-        raise UsageError(f"{out} does not end in .html; choose another --out")
-    if out is not None and os.path.lexists(out):
-        raise UsageError(f"{out} exists and is not overwritten; choose another --out")
-
-
 def write_page(text: str, out: Path | None, folder: Path) -> Path:
     """Write a page into a new file: `out`, or one in a folder, whose name has a number where it is taken.
 
@@ -385,5 +376,5 @@ def write_page(text: str, out: Path | None, folder: Path) -> Path:
                 file.unlink()
                 raise
             return file.absolute()
-    check_page(out)
+    check_new(out, PAGES)
     raise AssertionError("numbers do not end")

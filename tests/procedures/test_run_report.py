@@ -406,7 +406,7 @@ def test_bad_input_is_one_error_with_its_remedy_and_leaves_no_file(palpate: Palp
         (("run", "--out", "there.html"), "there.html exists and is not overwritten; choose another --out"),
         (("run", "--out", "link.html"), "link.html exists and is not overwritten"),
         (("run", "--out", "page.pdf"), "page.pdf does not end in .html; choose another --out"),
-        (("run", "--out", "no/where.html"), "make the folder"),
+        (("run", "--out", "no/where.html"), "there is no folder no; make it"),
         (("run", "--limits", "none.toml"), "none.toml"),
     ):
         assert told in palpate("runs", "report", *words).complaint
