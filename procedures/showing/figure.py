@@ -134,13 +134,13 @@ def picture_file(subject: str, out: Path | None, store: Path) -> Path:
     return out.absolute()
 
 
-def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
+def save(figure: Figure, folder: Path) -> Path:
     """Save a figure as PNG; in the folder of a run with what stood beside its points.
 
     Returns its path. Raises RecordError: the file cannot be written, or the run not be read.
     """
     run, suffix = _drawn_anew.get() or (folder, ".png")
-    path = (folder / name).with_suffix(suffix)
+    path = folder / f"plot{suffix}"
     if is_run(run):
         _add_beside(figure, Run.open(run))
     write(figure, path)
