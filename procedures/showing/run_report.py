@@ -337,7 +337,7 @@ def _point_row(each: PointDifference) -> list[str]:
     told = (show_with_u(of.value, of.u, each.unit) for of in (each.first, each.other))
     values = [text for pair in told for text in pair]
     difference = show_with_u(each.value, each.u, each.unit)
-    return [*map(number, each.step.values()), each.quantity, *values, *difference, f"{each.in_u:+.1f}"]
+    return [*map(number, each.step.values()), each.quantity, *values, *difference, f"{each.in_u:+z.1f}"]
 
 
 def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:
