@@ -79,12 +79,13 @@ def front_command(
     from palpate.procedures.lab.calibrations import with_films
     from palpate.procedures.lab.chosen import choose
     from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-    from palpate.procedures.showing.figure import check_picture
+    from palpate.procedures.records.run import check_new
+    from palpate.procedures.showing.figure import FORMATS
 
     output = Output(as_json, quiet)
     if absolute and settings.get("relative_to_model"):
         raise UsageError("--absolute and --relative-to-model: they are each other's contrary; give one of them")
-    check_picture(out)
+    check_new(out, FORMATS)
     target = with_films(choose(bench, scene).target)
     known = "4" if sample is None and modulus is None else sample
     touched = None if known is None else get_sample(known)
@@ -197,11 +198,12 @@ def scene_command(
     The effect that changes force and force ratio least is left out first. Each subset is measured together, against the
     whole scene with the same noise. Of all subsets only these are tried, as many as there are effects.
     """
-    from palpate.procedures.showing.figure import check_picture
+    from palpate.procedures.records.run import check_new
+    from palpate.procedures.showing.figure import FORMATS
     from palpate.procedures.virtual.explained import Question, SceneFront, plot_front, print_front
 
     output = Output(as_json, quiet)
-    check_picture(out)
+    check_new(out, FORMATS)
     with output.prices(), output.progress("the whole scene") as progress:
         found = SceneFront.of(scene, Question(sample, load, frequency, dwell), progress)
     if out is not None:
@@ -263,14 +265,14 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
     from palpate.instrument.shipped import text
     from palpate.procedures.accuracy.measure import DESIGNS, expected_seconds, measure, this_machine
     from palpate.procedures.accuracy.meshes import MODULI
-    from palpate.procedures.records.run import storing
-    from palpate.procedures.showing.figure import check_picture
+    from palpate.procedures.records.run import check_new, storing
+    from palpate.procedures.showing.figure import FORMATS
     from palpate.procedures.virtual.numerics import SECONDS, collect
 
     output = Output(as_json, quiet)
     if design is not None and design not in DESIGNS:
         raise UnknownName("design with prices", design, DESIGNS)
-    check_picture(out)
+    check_new(out, FORMATS)
     with output.prices(), output.progress("the stored prices") as progress:
         if store:
             if design is not None:

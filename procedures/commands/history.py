@@ -33,12 +33,12 @@ def history(
 
     from palpate.procedures.engine.history import history as found_in
     from palpate.procedures.lab.run_table import chosen
-    from palpate.procedures.records.run import list_runs
-    from palpate.procedures.showing.figure import check_picture
+    from palpate.procedures.records.run import check_new, list_runs
+    from palpate.procedures.showing.figure import FORMATS
     from palpate.procedures.showing.history import plot_history, print_history
 
     output = Output(as_json, quiet)
-    check_picture(out)
+    check_new(out, FORMATS)
     runs = [run for run, _ in chosen(list_runs(store()), where)]
     found = found_in(runs, quantity, tolerance, datetime.now(UTC))
     if out is not None:

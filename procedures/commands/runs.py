@@ -225,11 +225,11 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     overwritten.
     """
     from palpate.procedures.engine.verdict import STATUS, read_limits
-    from palpate.procedures.records.run import find_run
-    from palpate.procedures.showing.run_report import check_page, compared, report_page, reported, write_page
+    from palpate.procedures.records.run import check_new, find_run
+    from palpate.procedures.showing.run_report import PAGES, compared, report_page, reported, write_page
 
     output = Output(as_json, quiet)
-    check_page(out)
+    check_new(out, PAGES)
     asked, folders = None if limits is None else read_limits(limits), [find_run(name, store()) for name in run]
     with reported(folders, asked) as found:
         comparisons = compared(found)

@@ -45,6 +45,11 @@ class Series:
     since: datetime
 
     @property
+    def mean(self) -> float:
+        """Mean of the values."""
+        return math.fsum(self.values) / len(self.values)
+
+    @property
     def span(self) -> timedelta:
         """Time from the first run to the last."""
         return self.runs[-1].started - self.runs[0].started
@@ -55,8 +60,7 @@ class Series:
 
         Then its 95 % interval is wider than ± the mean itself and ± the tolerance: it rules out no change at all.
         """
-        mean = abs(math.fsum(self.values) / len(self.values))
-        return self.drift.expanded() > max(mean, self.tolerance)
+        return self.drift.expanded() > max(abs(self.mean), self.tolerance)
 
     @property
     def due(self) -> str | None:

@@ -10,8 +10,9 @@ import contextlib
 import errno
 import hashlib
 import json
+import os
 import time
-from collections.abc import Iterable, Iterator, Mapping
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -211,6 +212,22 @@ def storing(path: Path, choose: str = ELSEWHERE, *, running: bool = False) -> It
     except OSError as error:
         code = errno.errorcode.get(error.errno or 0, "")
         raise RecordError(f"cannot write {path}: {reason(error)}; {_remedy(code, path, choose, running)}") from error
+
+
+def check_new(out: Path | None, formats: Sequence[str]) -> None:
+    """Check a file that an option --out names, before anything is computed for it; None: it is not given.
+
+    Raises UsageError: its name ends in none of the formats, its folder does not exist, or the file exists.
+    """
+    if out is None:
+        return
+    if out.suffix not in formats:
+        raise UsageError(f"{out} does not end in {' or '.join(formats)}; choose another --out")
+    with storing(out):
+        if not out.parent.is_dir():
+            raise UsageError(f"{out}: there is no folder {out.parent}; make it, or choose another --out")
+        if os.path.lexists(out):
+            raise UsageError(f"{out} exists and is not overwritten; choose another --out")
 
 
 def _remedy(code: str, path: Path, choose: str, running: bool) -> str:

@@ -18,10 +18,9 @@ import numpy as np
 
 from palpate.instrument.bench.description import Beside
 from palpate.instrument.durable import numbered
-from palpate.instrument.errors import UsageError
 from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.columns import columns_of
-from palpate.procedures.records.run import Run, storing
+from palpate.procedures.records.run import Run, check_new, storing
 from palpate.procedures.showing.text import STAMP
 
 if TYPE_CHECKING:
@@ -123,7 +122,7 @@ def plot_over_loads(axes: Axes, number: int, label: str, sets: Sequence[PlottedL
 def picture_file(subject: str, out: Path | None, store: Path) -> Path:
     """Path of a new picture: `out`, or a file in `plots/` of the store, named after time and subject.
 
-    Raises as `check_picture` does, and RecordError: the store cannot be written to.
+    Raises as `check_new` does, and RecordError: the store cannot be written to.
     """
     if out is None:
         plots = store / "plots"
@@ -131,33 +130,17 @@ def picture_file(subject: str, out: Path | None, store: Path) -> Path:
             plots.mkdir(parents=True, exist_ok=True)
             names = (f"{name}.png" for name in numbered(f"{datetime.now(UTC):%Y%m%dT%H%M%SZ}-{subject}"))
             return next(plots / name for name in names if not (plots / name).exists()).absolute()
-    check_picture(out)
+    check_new(out, FORMATS)
     return out.absolute()
 
 
-def check_picture(out: Path | None) -> None:
-    """Check a file for a new picture; None: there shall be none.
-
-    Raises UsageError: its name ends in no format of pictures, its folder does not exist, or the file exists.
-    """
-    if out is None:
-        return
-    if out.suffix not in FORMATS:
-        raise UsageError(f"{out} ends in no format of pictures, {' or '.join(FORMATS)}; choose another --out")
-    with storing(out):
-        if not out.parent.is_dir():
-            raise UsageError(f"{out}: there is no folder {out.parent}; make it, or choose another --out")
-        if out.exists():
-            raise UsageError(f"{out} exists and is not overwritten; choose another --out")
-
-
-def save(figure: Figure, folder: Path, name: str = "plot.png") -> Path:
+def save(figure: Figure, folder: Path) -> Path:
     """Save a figure as PNG; in the folder of a run with what stood beside its points.
 
     Returns its path. Raises RecordError: the file cannot be written, or the run not be read.
     """
     run, suffix = _drawn_anew.get() or (folder, ".png")
-    path = (folder / name).with_suffix(suffix)
+    path = folder / f"plot{suffix}"
     if is_run(run):
         _add_beside(figure, Run.open(run))
     write(figure, path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import math
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -43,8 +42,7 @@ def _table(quantity: str, series: Series) -> Table:
 
 def _lines(series: Series) -> list[str]:
     low, high = series.drift.interval()
-    mean = abs(math.fsum(series.values) / len(series.values))
-    share = f"{100 * series.drift.value / mean:+.2g} % a month, " if mean else ""
+    share = f"{100 * series.drift.value / abs(series.mean):+.2g} % a month, " if series.mean else ""
     unit = f" {series.conditions['unit']}".rstrip()
     if series.too_short:
         span, width = duration(series.span.total_seconds()), f"{series.drift.expanded():.2g}{unit}"

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import sys
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -31,7 +30,7 @@ from palpate.procedures.engine.replay import RecordedResult, result_of
 from palpate.procedures.engine.settings import asked_of, shown
 from palpate.procedures.engine.verdict import Judgement, LimitsFile, judge, number_columns
 from palpate.procedures.records.damage import check, repair
-from palpate.procedures.records.run import Run, storing, telling_damage
+from palpate.procedures.records.run import Run, check_new, storing, telling_damage
 from palpate.procedures.showing.budget import show_budgets
 from palpate.procedures.showing.figure import drawn_anew, is_png
 from palpate.procedures.showing.page import MOST, figure, of_things, page, pairs, rows, section, warning
@@ -42,7 +41,7 @@ from palpate.procedures.showing.verdicts import show_verdicts
 from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS
 
-NAME = "report"
+NAME, PAGES = "report", (".html",)
 CALIBRATED = {
     "calibration": ("load cell", "load_cell"),
     "film_calibration": ("films", "films"),
@@ -150,7 +149,7 @@ def _result(run: Run, points: list[dict[str, Any]]) -> tuple[RecordedResult | No
 # --- the page ------------------------------------------------------------------------------------------
 
 
-def report_page(reports: Sequence[Reported], comparisons: Sequence[Comparison]) -> str:
+def report_page(reports: Sequence[Reported], comparisons: Sequence[ComparedRun]) -> str:
     """The page of one run, or that of several with their comparisons."""
     load_matplotlib()
     first, *others = reports
@@ -270,14 +269,14 @@ def draw_run(of: Reported, file: Path) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Comparison:
+class ComparedRun:
     """A run compared with the first: their results, and their points; None: one of both gives no result."""
 
     results: Sequence[Difference]
     points: ComparedPoints | None
 
 
-def compared(reports: Sequence[Reported]) -> list[Comparison]:
+def compared(reports: Sequence[Reported]) -> list[ComparedRun]:
     """Each further run compared with the first."""
     first, *others = reports
     found = []
@@ -286,11 +285,11 @@ def compared(reports: Sequence[Reported]) -> list[Comparison]:
         if first.found is not None and each.found is not None:
             columns = number_columns(procedure_class(first.run.procedure).point)
             points = compared_points(columns, first.found.asked, first.points, each.points)
-        found.append(Comparison(list(differences(first.budgets, each.budgets)), points))
+        found.append(ComparedRun(list(differences(first.budgets, each.budgets)), points))
     return found
 
 
-def _comparison(reports: Sequence[Reported], comparisons: Sequence[Comparison]) -> Iterator[str]:
+def _comparison(reports: Sequence[Reported], comparisons: Sequence[ComparedRun]) -> Iterator[str]:
     for order, found in enumerate(comparisons, 2):
         values = ("run 1", "u", f"run {order}", "u")
         heads = ("quantity", *values, "difference", "u independent", "u shared", "± 95 %", "told apart")
@@ -337,7 +336,7 @@ def _point_row(each: PointDifference) -> list[str]:
     told = (show_with_u(of.value, of.u, each.unit) for of in (each.first, each.other))
     values = [text for pair in told for text in pair]
     difference = show_with_u(each.value, each.u, each.unit)
-    return [*map(number, each.step.values()), each.quantity, *values, *difference, f"{each.in_u:+.1f}"]
+    return [*map(number, each.step.values()), each.quantity, *values, *difference, f"{each.in_u:+z.1f}"]
 
 
 def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:
@@ -361,14 +360,6 @@ def _side_by_side(reports: Sequence[Reported]) -> Iterator[list[str]]:
 # --- the file ------------------------------------------------------------------------------------------
 
 
-def check_page(out: Path | None) -> None:
-    """Refuse a file for a page that is no new one. Raises UsageError."""
-    if out is not None and out.suffix != ".html":
-        raise UsageError(f"{out} does not end in .html; choose another --out")
-    if out is not None and os.path.lexists(out):
-        raise UsageError(f"{out} exists and is not overwritten; choose another --out")
-
-
 def write_page(text: str, out: Path | None, folder: Path) -> Path:
     """Write a page into a new file: `out`, or one in a folder, whose name has a number where it is taken.
 
@@ -384,5 +375,5 @@ def write_page(text: str, out: Path | None, folder: Path) -> Path:
                 file.unlink()
                 raise
             return file.absolute()
-    check_page(out)
+    check_new(out, PAGES)
     raise AssertionError("numbers do not end")

@@ -272,4 +272,4 @@ def test_the_picture_names_each_history_once_and_tells_the_day(palpate: Palpate,
 
 
 def test_a_picture_of_another_format_is_refused_before_the_runs_are_read(palpate: Palpate) -> None:
-    assert "h.gif ends in no format of pictures" in palpate("history", RATIO, "--out", "h.gif").complaint
+    assert "h.gif does not end in .png or .svg" in palpate("history", RATIO, "--out", "h.gif").complaint

@@ -187,7 +187,7 @@ def test_without_a_name_each_picture_is_a_new_file_of_the_store(palpate: Palpate
     ("wrong", "message"),
     [
         (("--out", "missing/sensor.png"), "missing/sensor.png: there is no folder missing; make it"),
-        (("--out", "sensor.txt"), "sensor.txt ends in no format of pictures"),
+        (("--out", "sensor.txt"), "sensor.txt does not end in .png or .svg"),
         (("--out", "taken.png"), "taken.png exists and is not overwritten"),
         (("--sensed-modulus", "0 Pa"), "--sensed-modulus: '0 Pa' is not above 0 and finite"),
         (("--sensed-modulus", "24 kPa,"), "'' is not a quantity"),

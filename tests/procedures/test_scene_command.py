@@ -156,7 +156,7 @@ def test_a_plot_goes_where_it_is_told_and_never_over_another(palpate: Palpate) -
     assert (
         "chain.png exists and is not overwritten" in palpate("scene", "plot", "ideal", "--out", "chain.png").complaint
     )
-    assert "ends in no format of pictures" in palpate("scene", "plot", "ideal", "--out", "chain.pdf").complaint
+    assert "does not end in .png or .svg" in palpate("scene", "plot", "ideal", "--out", "chain.pdf").complaint
     of_its_own = palpate("scene", "plot", "ideal", "--periods", "1").out.strip()
     assert of_its_own.endswith("-ideal.png") and Path(of_its_own).parent == Path("runs/plots").absolute()
     assert palpate("scene", "plot", "ideal", "--out", "q.png", "--quiet").out == ""
