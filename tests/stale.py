@@ -47,7 +47,7 @@ class Line:
     """A serial line whose devices tell when they were asked, and repeat an answer that is chosen."""
 
     def __init__(self, chance: random.Random) -> None:
-        self._chance = chance
+        self.chance = chance
         self.line = VirtualLine(self._answers, BAUDRATE, TIMEOUT)
         self.link = ModbusLink("virtual line", self.line)
         self.asked = 0
@@ -62,13 +62,13 @@ class Line:
             answer = checked(request[:6])
         else:
             answer = checked(bytes([UNIT, READ, 2 * count]) + self._registers(address, count))
-        takes = self._chance.uniform(0, SLOWEST)
+        takes = self.chance.uniform(0, SLOWEST)
         if self.deaf:
             return []
         if self.repeat:
             self.repeat = False
             ends = self.line.now + self.line.wire(len(request) + 3.5) + takes + self.line.wire(len(answer))
-            self.due = ends + self._chance.uniform(0, 2 * TIMEOUT)
+            self.due = ends + self.chance.uniform(0, 2 * TIMEOUT)
             self.line.comes(self.due, answer)
         return [(takes, answer)]
 
@@ -95,53 +95,47 @@ class Line:
 
     def pause(self) -> None:
         """Wait until the next question: half of the time so that the repetition may come while its answer is due."""
-        aimed = self.due - self._chance.uniform(0, AIM)
-        self.line.now = max(self.line.now, aimed) if self._chance.random() < 0.5 else self.line.now
-        self.line.now += 0.0 if self._chance.random() < 0.5 else self._chance.uniform(0, 0.3)
+        aimed = self.due - self.chance.uniform(0, AIM)
+        self.line.now = max(self.line.now, aimed) if self.chance.random() < 0.5 else self.line.now
+        self.line.now += 0.0 if self.chance.random() < 0.5 else self.chance.uniform(0, 0.3)
 
 
 def read_lengths(chance: random.Random, tries: int) -> Counter[str]:
     """Reads that follow each other, which the driver makes unlike in length: only every second can be alike."""
-    found = Counter[str]()
-    wire = Line(chance)
-    driver = MicroPositioner(wire.link, UNIT, wire)
-    for _ in range(tries):
-        wire.repeat = True
-        for again in range(chance.randint(2, 4)):
-            if again:
-                wire.pause()
-            try:
-                told = round(1e6 * driver.get_many("limit_low", "limit_high")[0])
-            except BenchError:
-                found["lengths differ: errors"] += 1
-                continue
-            if age := (wire.asked - told) % ROUND:
-                found["lengths differ: stale" if age % 2 else "lengths alike: stale"] += 1
-        wire.end()
-        found["lengths differ: tries"] += 1
-    return found
+    return _reads(Line(chance), tries, "lengths differ", "lengths alike", lambda age: not age % 2, _first_limit)
 
 
 def read_polls(chance: random.Random, tries: int) -> Counter[str]:
     """Polls of position and status, which have no neighbour: of any three reads in a row no two are alike."""
-    found = Counter[str]()
     wire = Line(chance)
     wire.moves = True
+    return _reads(wire, tries, "polls", "polls alike", lambda age: age >= UNLIKE, lambda driver: driver.look()[0])
+
+
+def _first_limit(driver: MicroPositioner) -> float:
+    return driver.get_many("limit_low", "limit_high")[0]
+
+
+def _reads(
+    wire: Line, tries: int, unlike: str, alike: str, is_alike: Callable[[int], bool], ask: Callable[..., float]
+) -> Counter[str]:
+    """Two to four reads a try, of which one reply comes again, late: how often it is taken for a later one."""
+    found = Counter[str]()
     driver = MicroPositioner(wire.link, UNIT, wire)
     for _ in range(tries):
         wire.repeat = True
-        for again in range(chance.randint(2, 4)):
+        for again in range(wire.chance.randint(2, 4)):
             if again:
                 wire.pause()
             try:
-                told = round(1e6 * driver.look()[0])
+                told = round(1e6 * ask(driver))
             except BenchError:
-                found["polls: errors"] += 1
+                found[f"{unlike}: errors"] += 1
                 continue
             if age := (wire.asked - told) % ROUND:
-                found["polls alike: stale" if age >= UNLIKE else "polls: stale"] += 1
+                found[f"{alike if is_alike(age) else unlike}: stale"] += 1
         wire.end()
-        found["polls: tries"] += 1
+        found[f"{unlike}: tries"] += 1
     return found
 
 

@@ -90,14 +90,14 @@ class OutOfReach(RangeError):
         why: why no plan reaches it, for people; rounded as the best is, to which it may be equal.
     """
 
-    def __init__(self, tolerance: float, best: Allocation, floor: float, binds: str) -> None:
+    def __init__(self, tolerance: float, best: Allocation, floor: float, binds: str, mountings: int = 1) -> None:
         self.best, self.floor, self.binds = best.half, floor, binds
         if floor >= tolerance:
             least = rounded_up(floor) if floor <= LARGEST_SHARE else floor
             self.why = f"{binds} leaves {plus_minus(least)}, which no longer run lowers"
         else:
-            mountings = f" and {MOST_MOUNTINGS} mountings" if best.mountings > 1 else ""
-            self.why = f"{binds} binds, and a run has {MOST_SETS:,} load sets{mountings} at most"
+            more = f" and {mountings} mountings" if mountings > 1 else ""
+            self.why = f"{binds} binds, and a run has {MOST_SETS:,} load sets{more} at most"
         super().__init__(f"± {100 * tolerance:.3g} % cannot be reached: {self.why}")
 
 
@@ -226,7 +226,7 @@ class Table:
         # Alone these have fewer effective degrees of freedom than with noise beside them, and so a wider interval.
         floor = min(budget(fixed, 1, 1, 1).expanded(), best.half) if fixed else 0.0
         binds = max(fixed, key=lambda line: line.u).name if fixed and floor >= tolerance else best.binds
-        return OutOfReach(tolerance, best, floor, binds)
+        return OutOfReach(tolerance, best, floor, binds, int(self.mountings.max()))
 
 
 def allocation(

@@ -85,11 +85,11 @@ class Recorder:
         if header is not None:
             with contextlib.ExitStack() as undo:
                 undo.callback(self.close)
-                self.write_on()
+                self._write_on()
                 self._heard([header_frame(header)])
                 undo.pop_all()
 
-    def write_on(self) -> None:
+    def _write_on(self) -> None:
         """Open the files and go on behind the last whole frame.
 
         A writer that was killed may have left frames that the head does not count yet. They may be in the memory of the

@@ -251,7 +251,7 @@ class Resumed(Recorder):
                 f"arithmetic: {json.dumps(was)} in the record, {json.dumps(now)} now; stored points are compared to"
                 f" {ALIKE:g} of each number"
             )
-        self.write_on()
+        self._write_on()
         if self._replay:
             self._pieces = waves(self._open.enter_context(ChainFile(self.folder / RECORD)), 0)
         for event in begun(self.folder, self.run.header, len(self._stored)):

@@ -202,6 +202,7 @@ def test_a_block_goes_whole_to_those_who_take_blocks_and_frame_by_frame_to_other
     arrive(block())  # type: ignore[arg-type]
     assert whole == [{0x181: [[1, 0], [1, 1]], 0x182: [[2, 0], [2, 1]]}]
     assert single == [(0x80, b"", 1e-6), (0x182, b"\2\0", 1e-6), (0x80, b"", 2e-6), (0x182, b"\2\1", 2e-6)]
+    assert arrive.nodes  # type: ignore[attr-defined]  # why a node is silent: others are heard
     arrive(frame(0x181, b"alone"))
     assert single[-1][:3] == ("of a block", 0x181, b"alone")
 

