@@ -73,14 +73,14 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
 
 
 def expected_seconds(designs: Sequence[str]) -> float:
-    """Processor time that `measure` takes for some designs [s], by the stored prices of those that it has.
+    """Time that `measure` takes for some designs on two free cores [s], by the stored prices of those that it has.
 
     Each process eliminates a mesh of the solid model once for all moduli. The axisymmetric model solves each anew.
     """
     priced, references = _stored(designs)
     times = {"solid": PROCESSES, "axisymmetric": len(MODULI) + len(MIDDLES)}
     meshes = math.fsum(times.get(each.model, 1) * (each.seconds or 0.0) for each in priced)
-    return meshes + math.fsum(each.seconds for each in references)
+    return (meshes + math.fsum(each.seconds for each in references)) / PROCESSES
 
 
 def expected_curve_seconds(name: str) -> float:

@@ -86,14 +86,17 @@ def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
 
 def beam_forces(bending: float, stretches: Sequence[BeamSegment], elements: int) -> list[float]:
     """Foundation forces as `beam.stretch_forces` has them, from the matrix on nodes as it stands."""
-    from palpate.instrument.models import beam
-
     lengths = np.repeat([stretch.length / elements for stretch in stretches], elements)
     foundations = np.repeat([stretch.foundation for stretch in stretches], elements)
     matrix, load = np.zeros((2 * len(lengths) + 2,) * 2), np.zeros(2 * len(lengths) + 2)
+    x, w = (0.5 * each for each in np.polynomial.legendre.leggauss(4))
+    x += 0.5
     for index, (h, foundation) in enumerate(zip(lengths, foundations, strict=True)):
         place = slice(2 * index, 2 * index + 4)
-        matrix[place, place] += bending * beam._bending_matrix(h) + foundation * beam._foundation_matrix(h)
+        # Hermite's shape functions at Gauss' points, and their curvatures.
+        shapes = np.array([1 - 3 * x**2 + 2 * x**3, h * x * (1 - x) ** 2, 3 * x**2 - 2 * x**3, h * x**2 * (x - 1)])
+        bent = np.array([12 * x - 6, h * (6 * x - 4), 6 - 12 * x, h * (6 * x - 2)])
+        matrix[place, place] += bending / h**3 * bent * w @ bent.T + foundation * h * shapes * w @ shapes.T
         load[place] += np.array([h / 2, h**2 / 12, h / 2, -(h**2) / 12])
     motion = np.linalg.solve(matrix, load)
     pieces = lengths * (motion[:-2:2] + motion[2::2]) / 2 + lengths**2 * (motion[1:-2:2] - motion[3::2]) / 12
