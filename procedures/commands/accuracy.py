@@ -98,12 +98,12 @@ def front_command(
         front = ModulusFront.of(asked.plans_on(target), object_.modulus, command)
     plot = None
     if out is not None:
-        from palpate.procedures.accuracy.report import plot_front
+        from palpate.procedures.accuracy.front import plot_front
 
         plot = plot_front(front, bench is None, out)
 
     def show() -> None:
-        from palpate.procedures.accuracy.report import print_front
+        from palpate.procedures.accuracy.front import print_front
 
         print_front(front, bench is None, "" if out is None else str(plot or "none: no plan reaches ± 50 %"))
 
