@@ -100,12 +100,12 @@ def front_command(
         front = ModulusFront.of(asked.plans_on(target), object_.modulus, command)
     plot = None if out is None else str(out.absolute())
     if out is not None:
-        from palpate.procedures.accuracy.report import plot_front
+        from palpate.procedures.accuracy.front import plot_front
 
         plot = plot if plot_front(front, bench is None, out) else None
 
     def show() -> None:
-        from palpate.procedures.accuracy.report import print_front
+        from palpate.procedures.accuracy.front import print_front
 
         print_front(front, bench is None, "" if out is None else plot or "none: no plan reaches ± 50 %")
 

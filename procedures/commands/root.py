@@ -64,7 +64,7 @@ def blamed(error: BaseException) -> str:
     )
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the group -----------------------------------------------------------------------------------------
 
 UNREAD = 128 + signal.SIGPIPE  # exit status: nobody reads the output any more, as behind `| head`
 ENDED: dict[object, str] = {128 + signal.SIGTERM: "terminated", 128 + signal.SIGHUP: "hung up"}  # exit status: message

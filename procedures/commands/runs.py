@@ -1,4 +1,4 @@
-"""The commands palpate runs list, show, report, export, check, repair, install and resume."""
+"""The commands palpate runs list, show, report, export, check, repair, install and resume, and palpate judge."""
 
 from __future__ import annotations
 

@@ -148,7 +148,7 @@ def _wrong(procedure: Procedure[S, P, R], what: str, remedy: str) -> ConfigError
     return ConfigError(f"procedure {procedure.name!r}: {what}; {remedy}; mend {kind.__module__}.{kind.__qualname__}")
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the loop ------------------------------------------------------------------------------------------
 
 ASKED_AT = frozenset(4**n for n in range(16))  # numbers of points at which the uncertainty so far is asked: it halves
 ENOUGH = "enough"  # kind of the event that a run has before it ends ahead of its plan

@@ -112,7 +112,7 @@ def _do_again(bench: OpenBench, earlier: Earlier, kind: type[Procedure[Any, Any,
     bench.history.end({**run.header, "versions": now}, begun_ns, earlier.paused, run.folder)
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- running a procedure -------------------------------------------------------------------------------
 
 TOLERANCE_OF, COVERED = "tolerance_of", "U95"  # a tolerance is the half-width of a 95 % interval
 

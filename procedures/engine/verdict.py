@@ -188,7 +188,7 @@ def _leaves(hint: Any) -> Iterator[Any]:
         yield from _leaves(each)
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the quantities of a result ------------------------------------------------------------------------
 
 WORST = (FAIL, UNDECIDED, PASS)
 STATUS: dict[Outcome, int] = {PASS: 0, FAIL: 3, UNDECIDED: 4}  # exit status

@@ -51,9 +51,15 @@ from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys, Outcome
 from palpate.procedures.measurements import columns
-from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, most_sets, reading_u, refusal
-from palpate.procedures.measurements.settings import DwellTime, Extrapolate, LoadSets, ValidDays, tolerance_setting
+from palpate.procedures.measurements.settings import (
+    DwellTime,
+    Extrapolate,
+    LoadSets,
+    ValidDays,
+    check_valid_days,
+    tolerance_setting,
+)
 from palpate.procedures.measurements.work import DynamicLoadWork
 from palpate.procedures.records.columns import Column, gathered
 from palpate.procedures.records.record import Recorder
@@ -303,8 +309,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
         for frequency in self.frequencies:
             check_frequency(frequency, target)
             check_time(self.dwell, frequency)
-        if not 1 <= self.valid_days <= LONGEST_VALIDITY:
-            raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
+        check_valid_days(self.valid_days)
         if self.tolerance is not None:
             check_tolerance(self.tolerance, f"--tolerance {self.tolerance:g}")
 

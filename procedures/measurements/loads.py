@@ -7,7 +7,7 @@ from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass, replace
 from functools import cached_property, partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any, Protocol
+from typing import TYPE_CHECKING, Annotated, Any
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import RunRatio, answer, enough
@@ -188,12 +188,6 @@ class SweepResult:
         }
 
 
-class Repeated(Protocol):
-    """Load sets of samples that are repeated for a tolerance of their mean ratios."""
-
-    def answer(self, sample: str, ratios: Sequence[float]) -> RunRatio: ...
-
-
 def ratio_of(sample: str) -> str:
     """Name of the result for the mean force ratio of a sample."""
     return f"force ratio of sample {sample}"
@@ -205,7 +199,7 @@ def valid_ratios(points: Sequence[LoadPoint]) -> list[float]:
 
 
 def evaluate(
-    points: Sequence[LoadPoint], design: Design, repeated: Repeated | None = None, tolerance: float | None = None
+    points: Sequence[LoadPoint], design: Design, repeated: Repeats | None = None, tolerance: float | None = None
 ) -> SweepResult:
     """The mean force ratio of each sample over its valid points, and the samples from hard to soft.
 

@@ -59,10 +59,16 @@ from palpate.procedures.lab.calibrations import check_nameable, keep
 from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys, Outcome
 from palpate.procedures.lab.store import store
-from palpate.procedures.measurements.load_cell.procedure import LONGEST_VALIDITY
 from palpate.procedures.measurements.modulus import DisplaysPoint, ModulusTest
 from palpate.procedures.measurements.prospects import expected_mean
-from palpate.procedures.measurements.settings import DwellTime, Frequency, LoadSets, ValidDays, model_name
+from palpate.procedures.measurements.settings import (
+    DwellTime,
+    Frequency,
+    LoadSets,
+    ValidDays,
+    check_valid_days,
+    model_name,
+)
 from palpate.procedures.measurements.softness import SLOW, SoftnessPoint, SoftnessTest, Touching, TouchStep, object_of
 from palpate.procedures.records.columns import Column
 from palpate.procedures.records.record import Recorder
@@ -473,8 +479,7 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
                     f"reference {each.name!r} is rubber sample {each.sample!r} of {show(own, 'm')}, not of"
                     f" {show(self.thickness, 'm')}; leave --thickness out, or give another object another name"
                 )
-        if not 1 <= self.valid_days <= LONGEST_VALIDITY:
-            raise RangeError(f"validity of {self.valid_days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")
+        check_valid_days(self.valid_days)
         question = self._question(target.design)
         if self.model not in SLOW:
             curve = _curve(question)

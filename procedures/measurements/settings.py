@@ -4,9 +4,12 @@ from __future__ import annotations
 
 from typing import Annotated
 
+from palpate.instrument.errors import RangeError
 from palpate.instrument.quantity import parse_tolerance
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.steps.checks import parse_bench_time
+
+LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
 
 SampleName = Annotated[str, Setting(help="Rubber sample.")]
 PeakLoad = Annotated[float, Setting("N", "Load, peak to peak.")]
@@ -38,3 +41,9 @@ def bench_time(text: str, determines: str = "") -> Setting:
 def model_name(text: str) -> Setting:
     """The name of a sensor model. `text` describes it."""
     return Setting(help=text, metavar="NAME")
+
+
+def check_valid_days(days: int) -> None:
+    """Refuse a validity of a calibration that is not from one day to the longest one. Raises RangeError."""
+    if not 1 <= days <= LONGEST_VALIDITY:
+        raise RangeError(f"validity of {days} days is outside 1 to {LONGEST_VALIDITY}; give one inside")

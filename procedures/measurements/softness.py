@@ -751,15 +751,7 @@ def object_of(modulus: float, thickness: float, name: str) -> Sample:
 # --- what it shows -------------------------------------------------------------------------------------
 
 
-@dataclass(frozen=True, slots=True)
-class Look:
-    """Colour and width of an interval's bar."""
-
-    color: str
-    width: float
-
-
-ABSOLUTE, SCALE = Look("0.75", 7.0), Look("C0", 1.5)
+ABSOLUTE, SCALE = ("0.75", 7.0), ("C0", 1.5)  # colour and width of an interval's bar
 
 
 def show_softness(result: SoftnessResult, outcome: Outcome) -> list[object]:
@@ -846,10 +838,13 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
     return save(figure, folder)
 
 
-def _bar(axes: Axes, place: int, low: float | None, middle: float | None, high: float | None, look: Look) -> None:
+def _bar(
+    axes: Axes, place: int, low: float | None, middle: float | None, high: float | None, look: tuple[str, float]
+) -> None:
     """Draw an interval of moduli [Pa] in kPa; an arrow at its end says that there is no bound on the other side."""
+    color, width = look
     ends = [1e-3 * end for end in (low, middle, high) if end]
-    axes.plot(ends, [place] * len(ends), "-", color=look.color, lw=look.width, solid_capstyle="butt")
+    axes.plot(ends, [place] * len(ends), "-", color=color, lw=width, solid_capstyle="butt")
     for end, marker in ((low, "|" if high else ">"), (middle, "o"), (high, "|" if low else "<")):
         if end:
-            axes.plot(1e-3 * end, place, marker, color=look.color)
+            axes.plot(1e-3 * end, place, marker, color=color)

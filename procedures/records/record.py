@@ -101,7 +101,7 @@ class StoredDwell:
                     first, piece = first + wave.samples.size, {}
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- writing a run -------------------------------------------------------------------------------------
 
 REQUIRED = frozenset({"procedure", "simulated", "started"})
 PAUSED = "paused"  # kind of the event that a pause begins with

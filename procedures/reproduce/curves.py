@@ -91,7 +91,7 @@ class Solutions:
         return json.dumps(self.asked, indent=0, sort_keys=True) + "\n"
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the curves ----------------------------------------------------------------------------------------
 
 Array = NDArray[np.float64]
 

@@ -127,7 +127,7 @@ def _markdown(rows: Sequence[tuple[str, ...]]) -> list[str]:
     return ["| " + " | ".join(line) + " |" for line in lines]
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the models ----------------------------------------------------------------------------------------
 
 PROCEDURE = "reproduce-models"
 SETS = ("physical", "identified")

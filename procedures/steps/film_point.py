@@ -123,7 +123,7 @@ def _differ(difference: Budget, allowed: float) -> bool:
     return not abs(difference.value) <= difference.expanded(1 - FALSE_ALARMS) + allowed
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the point -----------------------------------------------------------------------------------------
 
 PILOT_CYCLES = 40  # 1000 samples, which tell the power of white noise to 5 %
 LARGEST_DRIFT = 0.1  # of the load, at the end of the dwell; two steps of the indicator at least

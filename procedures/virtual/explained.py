@@ -356,8 +356,6 @@ def plot_front(found: SceneFront, file: Path) -> None:
 
 # --- Computes and draws the waveforms at each stage of a scene, from the shaker's coil to the samples --
 
-# --- waveforms of a scene ------------------------------------------------------------------------------
-
 PLACES = ("under the tooth", "under the base")
 SEVERAL = ("under the teeth", "under the base")
 

@@ -236,7 +236,7 @@ def _on(value: float) -> str:
     return "on" if value else "off"
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- the served bench ----------------------------------------------------------------------------------
 
 REFRESH = 0.25  # s of wall time between two updates of the status page
 OUT = "a file in a writable folder with --out"

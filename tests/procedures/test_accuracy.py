@@ -25,9 +25,9 @@ from palpate.instrument.models.response import response
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.table import MODELS
 from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.accuracy import elements, meshes
 from palpate.procedures.accuracy import measure as machine
 from palpate.procedures.accuracy import measure as measuring
+from palpate.procedures.accuracy import meshes
 from palpate.procedures.accuracy.measure import measure
 from palpate.procedures.accuracy.meshes import (
     MIDDLES,
@@ -118,9 +118,8 @@ def measured() -> PriceList:
         patch.setattr(meshes, "solve", made_up)
         patch.setattr(meshes, "side_by_side", in_this_process)
         patch.setattr(measuring, "BETWEEN", 12)
-        patch.setattr(elements, "BETWEEN", 12)
-        patch.setattr(elements, "axisymmetric", SimpleNamespace(estimates=rising_estimates))
-        patch.setattr(elements, "solid", SimpleNamespace(estimates=solid_estimates, beside=beside, curve_on=beside_on))
+        patch.setattr(measuring, "axisymmetric", SimpleNamespace(estimates=rising_estimates))
+        patch.setattr(measuring, "solid", SimpleNamespace(estimates=solid_estimates, beside=beside, curve_on=beside_on))
         patch.setattr(measuring, "seconds_of", lambda call: (call(), 1e-6)[1])
         prices = measure(
             ["single_round", "single", "common_base"], lambda done, total, what: seen.append((done, total))

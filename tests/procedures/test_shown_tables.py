@@ -9,6 +9,7 @@ import pytest
 from rich.console import Console
 
 from palpate.instrument.quantity import counted
+from palpate.procedures.engine.catalogue import SHIPPED
 from palpate.procedures.showing import text
 from palpate.procedures.showing.text import PIPE_WIDTH, new_table, number, percent, print_all, stamped
 
@@ -78,9 +79,12 @@ def test_one_is_singular() -> None:
 def test_no_table_has_a_negative_zero() -> None:
     assert (percent(-1e-6), number(-0.0)) == ("0.00", "0")
     measurements = SHOWING.parent / "measurements"
-    files = [*SHOWING.glob("*.py"), *measurements.glob("*/report.py")]
-    fixed = [found for file in files for found in re.findall(r":\+?\.\df\}", file.read_text(encoding="utf-8"))]
+    shown = [
+        file.read_text(encoding="utf-8").partition("# --- what it shows")[2] for file in measurements.rglob("*.py")
+    ]
+    texts = [*(file.read_text(encoding="utf-8") for file in SHOWING.glob("*.py")), *filter(None, shown)]
+    fixed = [found for text in texts for found in re.findall(r":\+?\.\df\}", text)]
     columns = [file.read_text(encoding="utf-8") for file in measurements.rglob("*.py")]
     fixed += [found for text in columns for found in re.findall(r"\"\+?\.\df\"", text)]
-    assert len(files) > 20
+    assert sum(map(bool, shown)) == len(SHIPPED)
     assert fixed == []  # a z after the colon or quote, or the sign, makes -0.0 into 0.0

@@ -53,15 +53,6 @@ class Definition:
     thesis: str
 
 
-@dataclass(frozen=True, slots=True)
-class Elsewhere:
-    """A property of section 2.1 that another command measures."""
-
-    quantity: str
-    thesis: str
-    command: str
-
-
 SNR, PEAK_SNR = "signal-to-noise ratio", "peak signal-to-noise ratio"
 SENSITIVITY, RESOLUTION, SPATIAL_RESOLUTION = "force sensitivity", "resolution", "spatial resolution"
 LINEARITY, ZERO_BASED_LINEARITY = "linearity", "zero-based linearity"
@@ -84,14 +75,10 @@ DEFINITIONS = {
 }
 
 ELSEWHERE = (
-    Elsewhere("frequency response", "2.1.4", "palpate sweep frequency"),
-    Elsewhere("temperature variation", "2.1.6", "palpate sweep temperature"),
+    {"quantity": "frequency response", "thesis": "2.1.4", "command": "palpate sweep frequency"},
+    {"quantity": "temperature variation", "thesis": "2.1.6", "command": "palpate sweep temperature"},
 )
-
-
-def elsewhere() -> list[dict[str, str]]:
-    """The properties that other commands measure, under public names."""
-    return [asdict(each) for each in ELSEWHERE]
+"""The properties of section 2.1 that other commands measure, under public names."""
 
 
 # --- The points and the result of a characterisation: figures of merit by their definitions, with uncertainty budgets
@@ -333,7 +320,7 @@ class CharacteriseResult:
             "films": list(self.films),
             **({"stopped": self.stopped} if self.stopped else {}),
             "rows": [asdict(row) for row in self.rows],
-            "elsewhere": elsewhere(),
+            "elsewhere": list(ELSEWHERE),
         }
 
 
@@ -534,7 +521,7 @@ def _definitions(result: CharacteriseResult) -> Table:
     for quantity, equation in {row.quantity: row.definition for row in result.rows}.items():
         table.add_row(quantity, equation)
     for each in ELSEWHERE:
-        table.add_row(each.quantity, f"thesis {each.thesis}: {each.command}")
+        table.add_row(each["quantity"], f"thesis {each['thesis']}: {each['command']}")
     return table
 
 

@@ -72,7 +72,7 @@ from palpate.procedures.measurements.load_cell.report import (
     runs_of,
 )
 from palpate.procedures.measurements.prospects import binding, display_scatter, reachable, share
-from palpate.procedures.measurements.settings import ValidDays, tolerance_setting
+from palpate.procedures.measurements.settings import LONGEST_VALIDITY, ValidDays, tolerance_setting
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.plan import duration
@@ -492,7 +492,6 @@ def _displays(bench: Bench) -> list[float]:
 
 LOADS = tuple(round(1e-3 * m * STANDARD_GRAVITY, 12) for m in range(140, 741, 100))  # N, Table 5.1
 DEGREES = {"auto": None, "1": 1, "2": 2}
-LONGEST_VALIDITY = 791  # days: 26 months, ISO 376
 
 
 def parse_degree(text: str) -> int | None:
