@@ -16,6 +16,7 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
 import palpate
+from tests.benchmarks.live import OPTIONS
 from tests.campaigns import NIGHTLY
 from tests.procedures.live import Served, served, with_a_run
 from tests.procedures.test_live import HEADER, LONG
@@ -25,10 +26,6 @@ pytestmark = pytest.mark.slow
 
 PATIENCE = 40  # s
 COLOURS = {"rigid": (0x1F, 0x4E, 0x9C), "total": (0xC1, 0x44, 0x0E)}
-OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--window-size=1280,800",
-)  # fmt: skip
 
 
 class Page:
