@@ -438,37 +438,29 @@ def _unseen() -> None:
 def _shown(served: Served, on_terminal: bool, feed: Feed | None) -> Iterator[Callable[[], None]]:
     """A function that shows the bench as it is now, on the terminal and on live pages."""
     sim, traffic = served.sim, TransactionRate(served.sim)
+    pages = None if feed is None else _LivePages(sim, feed)
     with ExitStack() as stack:
-        page = None
+        terminal = None
         if on_terminal:
             from rich.live import Live
 
-            page = stack.enter_context(Live(console=console(), auto_refresh=False))
-        films = None if feed is None else _FilmTrace(sim)
+            terminal = stack.enter_context(Live(console=console(), auto_refresh=False))
 
         def look() -> None:
             rows = state_of(sim, traffic.rate(time.monotonic()), served.pacer.behind)
-            if page is not None:
-                page.update(status(sim, rows), refresh=True)
-            if feed is not None and films is not None:
-                told = {
-                    "bench": sim.description.name,
-                    "scene": sim.scene.name,
-                    "seed": sim.scene.seed,
-                    "simulated": True,
-                }
-                faults = [given.summary() for given in sim.injection.given]
-                feed.tell("bench", {**told, "devices": list(rows.items()), "faults": faults})
-                films.show(feed)
+            if terminal is not None:
+                terminal.update(status(sim, rows), refresh=True)
+            if pages is not None:
+                pages.show(rows)
 
         yield look
 
 
-class _FilmTrace:
-    """The last voltages that the films gave to the nodes of a bench in one go."""
+class _LivePages:
+    """What live pages show of a served bench: its state, and what its films gave to the nodes last."""
 
-    def __init__(self, sim: SimulatedBench) -> None:
-        self._sim = sim
+    def __init__(self, sim: SimulatedBench, feed: Feed) -> None:
+        self._sim, self._feed = sim, feed
         self._films = [film.name for film in sim.scene.design.films]
         self._next_ns = self._period_ns = 0
         self._volts = np.empty((len(self._films), 0))
@@ -480,14 +472,18 @@ class _FilmTrace:
         self._volts = np.hstack([before, volts])[:, -MOST_SHOWN:]
         self._next_ns, self._period_ns, self._fresh = int(time_ns[-1]) + period_ns, period_ns, True
 
-    def show(self, feed: Feed) -> None:
-        """Tell live pages, if the nodes have sampled since."""
+    def show(self, rows: Mapping[str, str]) -> None:
+        """Tell the pages; `rows`: the state. Of the films only if nodes have sampled since."""
+        scene, bench = self._sim.scene, self._sim.description.name
+        told = {"bench": bench, "scene": scene.name, "seed": scene.seed, "simulated": True}
+        faults = [given.summary() for given in self._sim.injection.given]
+        self._feed.tell("bench", {**told, "devices": list(rows.items()), "faults": faults})
         with self._sim.clock.lock:
             fresh, self._fresh = self._fresh, False
             voltage, period_ns = self._volts, self._period_ns
             begun_ns = self._next_ns - voltage.shape[1] * period_ns
         if fresh:
-            feed(Event("trace", begun_ns, {"rate": 1e9 / period_ns, "films": self._films, "voltage": voltage}))
+            self._feed(Event("trace", begun_ns, {"rate": 1e9 / period_ns, "films": self._films, "voltage": voltage}))
 
 
 def _end(_number: int, _frame: FrameType | None) -> None:

@@ -202,6 +202,7 @@ def test_a_verdict_is_told(tmp_path: Path) -> None:
     assert verdict["verdict"] == "fail"
 
 
+@pytest.mark.slow
 def test_a_verdict_on_a_stored_run_is_told_to_each_page(store: Path, tmp_path: Path) -> None:
     limits = tmp_path / "limits.toml"
     limits.write_text('["force ratio of sample 1"]\nhigh = 0.01\n')
@@ -224,7 +225,11 @@ def test_limits_of_what_a_run_does_not_have_are_refused(palpate: Palpate, store:
 def test_one_page_shows_all_steps_of_a_campaign(tmp_path: Path) -> None:
     (tmp_path / "nightly.toml").write_text(NIGHTLY)
     with served(tmp_path, "campaign", str(tmp_path / "nightly.toml"), "--live") as live, live.stream() as stream:
-        heard = list(told(stream))
+        messages = told(stream)
+        heard = until("point", messages)
+        with live.stream() as late:
+            assert until("campaign", told(late))[-1]["done"] == 0
+        heard += messages
         assert live.process.wait() == 0
     shown = [each for each in heard if each["event"] == "campaign"]
     assert [each["done"] for each in shown] == [0, 1, 2, 3]

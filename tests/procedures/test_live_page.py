@@ -16,6 +16,8 @@ from selenium.webdriver.chrome.service import Service
 from selenium.webdriver.support.ui import WebDriverWait
 
 import palpate
+from tests.benchmarks.live import OPTIONS
+from tests.campaigns import NIGHTLY
 from tests.procedures.live import Served, served, with_a_run
 from tests.procedures.test_live import HEADER, LONG
 from tests.runs import made
@@ -24,10 +26,6 @@ pytestmark = pytest.mark.slow
 
 PATIENCE = 40  # s
 COLOURS = {"rigid": (0x1F, 0x4E, 0x9C), "total": (0xC1, 0x44, 0x0E)}
-OPTIONS = (
-    "--headless", "--no-sandbox", "--disable-gpu", "--disable-quic", "--no-first-run",
-    "--disable-background-networking", "--disable-component-update", "--disable-sync", "--window-size=1280,800",
-)  # fmt: skip
 
 
 class Page:
@@ -209,6 +207,24 @@ def test_a_page_finds_its_server_again_and_ten_pages_show_a_thousand_points(page
             page.driver.switch_to.window(handle)
             page.driver.close()
         page.driver.switch_to.window(first)
+
+
+def test_the_page_of_a_campaign_says_which_step_it_is(page: Page, tmp_path: Path) -> None:
+    (tmp_path / "nightly.toml").write_text(NIGHTLY)
+    with served(tmp_path, "campaign", str(tmp_path / "nightly.toml"), "--live") as live:
+        page.driver.get(live.address)
+        page.until(lambda: page.text("#campaign small") == "nightly: step 2 of 3, films")
+        assert [row.split()[0] for row in page.text("#campaign table").splitlines()] == ["cell", "films", "sweep"]
+        page.until(lambda: page.text("#campaign small") == "nightly: all 3 steps are done")
+
+
+def test_a_served_bench_has_no_points_but_devices_and_faults(page: Page, tmp_path: Path) -> None:
+    with served(tmp_path, "serve", "ideal", "--live") as live:
+        page.driver.get(live.address)
+        page.until(lambda: page.text("#status") == "served" and page.text("#happened") == "Faults")
+        assert page.text("#simulated") == "SIMULATED"
+        assert "generator off" in page.text("#devices")
+        assert page.text("#plotted") == ""
 
 
 def test_names_of_others_are_text(page: Page, tmp_path: Path) -> None:

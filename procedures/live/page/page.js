@@ -116,8 +116,6 @@ const on = {
     $("procedure").textContent = told.bench;
     $("run").textContent = `scene ${told.scene} · seed ${told.seed}`;
     $("simulated").hidden = $("watermark").hidden = !told.simulated;
-    $("incidents").querySelector("h2").firstChild.data = "Faults ";
-    document.body.classList.add("bench");
   },
   trace(told) { scope.show(told); },
 };
@@ -341,6 +339,8 @@ function showAll() {
     fill($("beside").querySelector("tbody"), beside.map(name => [words(name.slice(7)), digits(values[name]),
       values[`${name}_u`] === undefined ? "" : `u ${digits(values[`${name}_u`])}`]));
   }
+  document.body.classList.toggle("bench", state.bench !== null);
+  $("happened").textContent = state.bench ? "Faults" : "Incidents";
   const incidents = state.bench ? state.bench.faults.map(each => [each])
     : state.incidents.map(each => [`${(each.bench_ns / 1e9).toFixed(1)} s`, each.of, each.message]);
   const devices = state.bench ? state.bench.devices : Object.entries(state.devices).map(([name, each]) =>
