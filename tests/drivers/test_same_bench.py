@@ -15,44 +15,21 @@ from palpate.procedures.records.resumed import COMPARED, comparable, differences
 from tests.drivers.benches import new_form
 from tests.drivers.outside import installed
 
-BENCH = """
+OLD = """
 name = "bench"
 force_limit = "8 N"
-[link.gateway]
-kind = "modbus-tcp"
+[signal_generator]
 host = "10.0.0.1"
-[link.line]
-kind = "modbus-rtu"
-port = "/dev/ttyUSB0"
-[link.can]
-kind = "canopen"
-interface = "socketcan"
-channel = "can0"
-[device.signal_generator]
-kind = "signal_generator"
-link = "gateway"
-unit = 1
-[device.shaker_amplifier]
-kind = "shaker_amplifier"
-link = "gateway"
+[shaker_amplifier]
+host = "10.0.0.1"
 unit = 2
 current_limit = "4 A"
-[device.strain_indicator]
-kind = "strain_indicator"
-link = "line"
-unit = 1
-[device.positioner]
-kind = "positioner"
-link = "line"
-unit = 2
-[device.sensor_node_1]
-kind = "sensor_node"
-link = "can"
-node = 1
-[device.sensor_node_2]
-kind = "sensor_node"
-link = "can"
-node = 2
+[line]
+port = "/dev/ttyUSB0"
+[can]
+interface = "socketcan"
+channel = "can0"
+nodes = [1, 2]
 """
 OVENS = """
 [link.rack]
@@ -77,6 +54,7 @@ def oven() -> Iterator[None]:
 
 
 def bench(tables: dict[str, Any]) -> BenchDescription:
+    """The bench of a record, in the older form or in the present one."""
     return recorded_bench(tomli_w.dumps(tables), "a record")
 
 
@@ -84,13 +62,14 @@ def told(before: dict[str, Any], now: dict[str, Any]) -> list[str]:
     return list(differences(*compared(bench(before), bench(now)), "bench"))
 
 
-def test_other_names_of_links_change_nothing() -> None:
-    old = tomllib.loads(BENCH)
+def test_an_old_file_and_its_new_form_describe_the_same_bench() -> None:
+    old = tomllib.loads(OLD)
     assert told(old, new_form(bench(old))) == told(new_form(bench(old)), old) == []
+    assert len(new_form(bench(old))["link"]) == 3  # both units of the gateway are on one link
 
 
 def test_a_device_under_another_name_is_the_same_and_a_role_that_need_not_be_said_changes_nothing() -> None:
-    old = tomllib.loads(BENCH + OVENS)
+    old = tomllib.loads(OLD + OVENS)
     renamed = copy.deepcopy(old)
     renamed["device"]["near"] = renamed["device"].pop("left")
     del old["device"]["left"], renamed["device"]["near"], renamed["device"]["right"]["role"]
@@ -98,7 +77,7 @@ def test_a_device_under_another_name_is_the_same_and_a_role_that_need_not_be_sai
 
 
 def test_the_order_of_sensor_nodes_counts_because_it_says_which_film_is_on_which_node() -> None:
-    one = new_form(bench(tomllib.loads(BENCH)))
+    one = new_form(bench(tomllib.loads(OLD)))
     other = copy.deepcopy(one)
     first, second = other["device"].pop("sensor_node_1"), other["device"].pop("sensor_node_2")
     other["device"] |= {"sensor_node_2": second, "sensor_node_1": first}
@@ -153,7 +132,7 @@ CHANGES: list[tuple[Callable[[dict[str, Any]], None], list[str]]] = [
 def test_each_change_is_told_by_the_name_of_link_device_and_setting(
     change: Callable[[dict[str, Any]], None], expected: list[str]
 ) -> None:
-    old = tomllib.loads(BENCH + OVENS)
+    old = tomllib.loads(OLD + OVENS)
     now = new_form(bench(old))
     now["device"]["right"]["role"] = "chamber"
     change(now)
@@ -164,7 +143,7 @@ def test_each_change_is_told_by_the_name_of_link_device_and_setting(
 
 def test_serial_numbers_of_two_devices_of_one_kind_are_both_compared() -> None:
     header = {
-        "settings": {}, "scene": None, "bench": BENCH, "contracts": "", "calibration": {}, "film_calibration": None,
+        "settings": {}, "scene": None, "bench": OLD, "contracts": "", "calibration": {}, "film_calibration": None,
         "versions": {}, "devices": {"oven at 10.0.0.3:502 unit 1": "A", "oven at 10.0.0.3:502 unit 2": "B"},
     }  # fmt: skip
     swapped = {**header, "devices": {"oven at 10.0.0.3:502 unit 1": "C", "oven at 10.0.0.3:502 unit 2": "B"}}
@@ -180,7 +159,7 @@ def test_devices_of_one_kind_on_a_simulated_bench_may_have_any_ports() -> None:
 
 def test_a_changed_map_of_a_makers_device_is_told_by_its_kind() -> None:
     header = {
-        "settings": {}, "scene": None, "bench": BENCH, "contracts": "", "calibration": {}, "film_calibration": None,
+        "settings": {}, "scene": None, "bench": OLD, "contracts": "", "calibration": {}, "film_calibration": None,
         "versions": {}, "devices": {}, "maps": {"scale": "1" * 64},
     }  # fmt: skip
     (said,) = differences(comparable(header), comparable({**header, "maps": {"scale": "2" * 64}}))

@@ -239,6 +239,7 @@ class DirectSolution:
         tooth_force_above: force from the object on the tooth [N].
         imbalance: greatest difference between the forces through the sections, over the total force.
         films: films "tooth" and "base"; none on a rigid support.
+        unknowns: number of displacements and pressures.
         residual: residual of the linear system, relative to the size of its terms.
         on_mesh: displacements and forces of all elements.
     """
@@ -247,6 +248,7 @@ class DirectSolution:
     tooth_force_above: float
     imbalance: float
     films: dict[str, FilmStresses]
+    unknowns: int
     residual: float
     on_mesh: OnMesh
 
@@ -274,10 +276,11 @@ def solve_on(parameters: RoundParameters, degree: int, layers: int, mixed: bool 
     solved = _solutions(elements, [elements.gather(forces) for forces in loads])
     named = {part.body.name: part for part in bodies}
     found = [OnMesh(parameters, mesh, r, named, s.displacement[elements.unknowns], s.internal) for s in solved]
-    return _evaluated(found, [el.nodal(forces) for forces in polarised], solved[0].residual)
+    unknowns = elements.size + elements.dilatation.shape[0] * elements.dilatation.shape[1]
+    return _evaluated(found, [el.nodal(forces) for forces in polarised], unknowns, solved[0].residual)
 
 
-def _evaluated(found: list[OnMesh], polarised: list[Floats], residual: float) -> DirectSolution:
+def _evaluated(found: list[OnMesh], polarised: list[Floats], unknowns: int, residual: float) -> DirectSolution:
     """Solution with open films, from those under the load and under each film's voltage."""
     pressed, *charged = found
     films = [part.body for part in pressed.parts.values() if part.body.film is not None]
@@ -303,6 +306,7 @@ def _evaluated(found: list[OnMesh], polarised: list[Floats], residual: float) ->
         tooth_force_above=above,
         imbalance=max(abs(above - tooth), abs(tooth + ring - 1), abs(base - 1)),
         films=felt,
+        unknowns=unknowns,
         residual=residual,
         on_mesh=at,
     )

@@ -65,6 +65,15 @@ def linear_elements_ratio(parameters: RoundParameters, radii: Array, heights: Ar
     return float((stiffness @ displacement)[tooth].sum() / -load.sum())
 
 
+def stiffness(parameters: RoundParameters, degree: int, layers: int) -> scipy.sparse.csc_array:
+    """The matrix of the shipped elements on nodes, in displacement form."""
+    cut = mesh.grid(parameters, layers)
+    lines = [elements.line(at, degree, radial) for at, radial in ((cut.radii, True), (cut.heights, False))]
+    bodies = mesh.parts(cut)
+    found = assemble(*mesh.number(parameters, cut, *lines, bodies), *lines, bodies, mixed=False)
+    return found.matrix(found.stiffness)
+
+
 def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:
     """Share of the load that is lost before the floor of a rigid support: one sparse solve, forces K u from nodal u."""
     cut = mesh.grid(parameters, layers)

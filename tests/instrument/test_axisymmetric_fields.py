@@ -74,7 +74,7 @@ def test_the_forces_of_a_uniform_pressure_give_it_back() -> None:
         inner, width = radii[interval], radii[interval + 1] - radii[interval]
         of_one, of_x = np.array([1 / 2, 1 / 2, -1 / math.sqrt(6)]), np.array([1 / 6, 1 / 3, -1 / (2 * math.sqrt(6))])
         forces[dofs[interval]] += 2 * math.pi * width * (inner * of_one + width * of_x)
-    face = face_pressure(Grid((), radii, radii, 0.0, 0.0), dofs, touching, 5e3 * forces, 1.4e-3)
+    face = face_pressure(Grid((), radii, radii, 0.0, 0.0), dofs, touching, 5e3 * forces)
     assert face.pressure == pytest.approx(5e3, rel=1e-12)
     assert force(face, 1.4e-3) == pytest.approx(5e3 * math.pi * 1.4e-3**2, rel=1e-12)
 

@@ -10,12 +10,10 @@ import numpy as np
 import pytest
 import scipy
 
-from palpate.instrument.errors import EstimateError
 from palpate.instrument.models import beam, springs
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.beam import BeamSegment
-from palpate.instrument.models.finite_elements import solving
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.sensor.designs import get_design
@@ -48,14 +46,12 @@ def test_forces_from_nodal_values_lose_what_those_from_differences_keep() -> Non
 
 
 @pytest.mark.slow
-def test_rounding_grows_with_every_layer_of_a_plain_program_and_is_refused_before_it_shows_in_the_shipped_one() -> None:
+def test_rounding_grows_with_every_layer_of_a_plain_program() -> None:
     foil = replace(FOIL, support="rigid", compliant_poisson=0.3)
     finest = axisymmetric.REFINEMENTS[-1] + 1
     assert naive.lost_force(foil, 3, 1) < 1e-4
     assert naive.lost_force(foil, 3, finest) > 1e-3
     assert solve_on(foil, 3, finest).imbalance < 1e-10
-    with pytest.raises(EstimateError, match="residual"):
-        solve_on(foil, 3, 2 * finest)
 
 
 @pytest.mark.slow
@@ -82,20 +78,15 @@ def test_incompressible_rubber_squeezed_flat_is_solved_like_any_other() -> None:
 
 
 @pytest.mark.slow
-def test_a_foil_of_rubber_like_poisson_ratio_keeps_its_digits_with_a_bound_below_its_own_bulk_modulus(
-    monkeypatch: pytest.MonkeyPatch,
-) -> None:
+def test_a_foil_of_rubber_like_poisson_ratio_keeps_its_digits_with_a_bound_below_its_own_bulk_modulus() -> None:
     foil = replace(FOIL, sensed_poisson=0.4999, ring_inner_radius=CASE_A.tooth_radius + 1e-6)
     assert solve_on(foil, 3, 3).imbalance < 1e-10
-    monkeypatch.setattr(solving, "EASINGS", (1.0,))
-    with pytest.raises(EstimateError, match="residual"):
-        solve_on(foil, 3, 3)
 
 
-def test_thin_films_hold_up_an_iterative_solver_and_not_the_shipped_one() -> None:
+def test_thin_films_hold_up_an_iterative_solver_and_not_factors() -> None:
     """Films of 25 µm in plates of 10 mm."""
     filmed = replace(CASE_A, compliant_poisson=0.3)
-    _, _, matrix = naive.assembled(filmed, 3, 2)
+    matrix = naive.stiffness(filmed, 3, 2)
     scale = scipy.sparse.diags_array(1 / np.sqrt(matrix.diagonal()))
     scaled = (scale @ matrix @ scale).tocsr()
     wanted = np.random.default_rng(0).normal(size=matrix.shape[0])

@@ -83,13 +83,11 @@ class FacePressure:
         radius: radii of the points [m]; none lie over the gap.
         pressure: pressure, positive in compression [Pa]; negative where a bonded object pulls.
         area: area of the face that belongs to each point [m2].
-        reach: radius of the tooth [m].
     """
 
     radius: Floats
     pressure: Floats
     area: Floats
-    reach: float
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,10 +129,10 @@ def face(p: RoundParameters, mesh: Grid, dofs: Indices, forces: Floats) -> FaceP
     touching = np.concatenate(
         [inside(mesh.radii, part) for part in ((0.0, p.tooth_radius), (p.ring_inner_radius, outer))]
     )
-    return face_pressure(mesh, dofs, touching, forces, p.tooth_radius)
+    return face_pressure(mesh, dofs, touching, forces)
 
 
-def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Floats, reach: float) -> FacePressure:
+def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Floats) -> FacePressure:
     """The pressure whose work on every shape function of the face is that of the nodal forces.
 
     Such consistent tractions are far more accurate than stresses from the gradients of displacements (Carey, Chow and
@@ -145,7 +143,6 @@ def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Floats, 
         dofs: numbers of the shape functions of each interval of the radius, (intervals, p + 1).
         touching: intervals where the object touches the sensor.
         forces: forces of the object on the face, by number of the shape function [N].
-        reach: radius of the tooth [m].
     """
     from scipy.linalg import solve
 
@@ -159,7 +156,7 @@ def face_pressure(mesh: Grid, dofs: Indices, touching: Indices, forces: Floats, 
     nodal = scale * solve(mass * np.outer(scale, scale), scale * forces[numbers], assume_a="pos")
     # These points suffice for the integrals, and the highest polynomial, the least certain part, is zero there.
     shapes, radius, area = _quadrature(mesh.radii, touching, degree, degree)
-    return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel(), reach)
+    return FacePressure(radius.ravel(), (nodal[local] @ shapes).ravel(), area.ravel())
 
 
 def _quadrature(radii: Floats, intervals: Indices, degree: int, count: int) -> tuple[Floats, Floats, Floats]:
