@@ -27,14 +27,12 @@ from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.files import read_calibration
 from palpate.instrument.errors import ConfigError
 from palpate.procedures.lab.calibrations import KEPT
-from palpate.procedures.live.server import serving
 from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.record import MEASURED
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
-from tests.procedures.live import Served
 
 QUICK = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s")
 COMMANDS = {

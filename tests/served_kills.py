@@ -27,16 +27,14 @@ from typing import Self
 
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.live.server import serving
 from palpate.procedures.records.chain import is_run
 from palpate.procedures.records.damage import check
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig import Mounted
 from palpate.simulators.wire.device import Refused
-from tests.procedures.live import Served
 
 SAMPLES = "123456"
 POINTS = 2  # of a run, each of another sample

@@ -41,8 +41,8 @@ def blamed(error: BaseException) -> str:
     from palpate.instrument.additions import additions
     from palpate.instrument.bench.kinds import GROUP as KINDS
     from palpate.instrument.sensor.designs import GROUP as DESIGNS
-    from palpate.procedures.engine.catalogue import GROUP as EFFECTS
     from palpate.procedures.engine.catalogue import GROUP as PROCEDURES
+    from palpate.procedures.virtual.explained import GROUP as EFFECTS
 
     origins = {
         each.place.partition(":")[0].partition(".")[0]: each.origin

@@ -67,7 +67,7 @@ def result_of(run: Run, stored: list[dict[str, Any]]) -> RecordedResult:
     return RecordedResult(result, recorded_outcome(run, lab), procedure.report(result, lab), asked, changed)
 
 
-# --- the procedure -------------------------------------------------------------------------------------
+# --- The replay of a run ------------------------------------------------------------------------------
 
 
 @overload

@@ -29,13 +29,11 @@ from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Field
 from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import BenchError
-from palpate.procedures.live.server import serving
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.device import SimulatedDevice
 from tests.benchmarks.row import Row
-from tests.procedures.live import Served
 
 NODE = 1
 MASTER = Path(__file__).with_name("canopen_master.js")

@@ -35,10 +35,9 @@ from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.contracts.own import POSITIONER, SAMPLE_CHANGER, STRAIN_INDICATOR
 from palpate.instrument.errors import PalpateError
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.live.server import serving
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from tests.benchmarks.row import Row
 from tests.drivers.benches import new_form

@@ -22,8 +22,7 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 
 from palpate.instrument.bench.links import LOOPBACK
 from palpate.instrument.contracts.own import SIGNAL_GENERATOR
-from palpate.procedures.live.server import serving
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.in_turn import beside, served

@@ -10,6 +10,7 @@ import pytest
 
 import palpate
 from palpate.instrument.allocation.lines import budget
+from palpate.instrument.allocation.table import MOST_SETS
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import NOISE
@@ -18,7 +19,6 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeRepeats
 from palpate.procedures.measurements.characterise.report import FilmsPoint
-from palpate.procedures.measurements.softness import MOST_SETS
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")

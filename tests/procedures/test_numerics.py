@@ -10,8 +10,8 @@ import pytest
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.price_list import stored
+from palpate.procedures.accuracy import numerics
 from palpate.procedures.accuracy.numerics import BOUND, Task, Way, of_estimators, of_models
-from palpate.procedures.commands.accuracy import numerics
 from palpate.procedures.virtual import numerics as collecting
 from palpate.simulators.linear import integrators
 from tests.procedures.conftest import Palpate

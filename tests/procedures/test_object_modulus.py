@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 
+from palpate.instrument.allocation.table import MOST_SETS
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.calibration.model_calibration import ModelCalibration
@@ -23,7 +24,6 @@ from palpate.procedures.lab.lab import Dwells, Target
 from palpate.procedures.measurements.object_modulus.planning import command_of
 from palpate.procedures.measurements.object_modulus.procedure import Course, ObjectModulus
 from palpate.procedures.measurements.object_modulus.report import ModulusPoint, mounting_scatter, ratios_of
-from palpate.procedures.measurements.softness import MOST_SETS
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import check_frequency, parse_loads
 from tests.procedures.conftest import Palpate

@@ -31,14 +31,20 @@ from palpate.instrument.errors import DeviceError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.lab import open as session
-from palpate.procedures.live.server import serving
 from palpate.procedures.records.run import Run
-from palpate.procedures.virtual.served_bench import TransactionRate, Wish, serve_until_told, state_of, status
+from palpate.procedures.virtual.served_bench import (
+    Person,
+    TransactionRate,
+    Wish,
+    serve_until_told,
+    serving,
+    state_of,
+    status,
+)
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import Scene
-from tests.drivers.test_unknowable import Person
 from tests.procedures.conftest import Palpate, happens_in
 
 STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise

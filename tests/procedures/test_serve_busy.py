@@ -6,8 +6,7 @@ import pytest
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
-from palpate.procedures.live.server import serving
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.scenes.scene import Scene
 

@@ -15,8 +15,7 @@ from palpate.drivers.links.can import CanLink
 from palpate.instrument.bench import links
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
 from palpate.instrument.contracts.field import PROBE
-from palpate.procedures.live.server import serving
-from palpate.procedures.virtual.served_bench import Wish
+from palpate.procedures.virtual.served_bench import Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.can_bus import own_channel

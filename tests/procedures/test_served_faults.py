@@ -10,13 +10,13 @@ import pytest
 from palpate.drivers.bench import Bench
 from palpate.instrument.errors import BenchError, ConfigError, DeviceError, LinkError, PalpateError, UsageError
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.virtual.served_bench import Person
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import places, struck
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
-from tests.drivers.test_unknowable import Person
 
 
 @pytest.fixture

@@ -46,14 +46,17 @@ def test_what_the_document_names_exists() -> None:
 
 
 def test_every_property_of_a_sensor_has_its_line_under_the_section_that_it_names() -> None:
-    sections = {each.thesis.split()[0].rstrip(",") for each in (*DEFINITIONS.values(), *ELSEWHERE)}
+    theses = [*(each.thesis for each in DEFINITIONS.values()), *(each["thesis"] for each in ELSEWHERE)]
+    sections = {each.split()[0].rstrip(",") for each in theses}
     lines = [line.split("|") for line in DOCUMENT.splitlines() if line.startswith("| 2.1")]
     assert sections == set(re.findall(r"2\.1[.\d]*", " ".join(line[1] for line in lines)))
     for quantity, definition in DEFINITIONS.items():
         section = definition.thesis.split()[0].rstrip(",")
         assert any(section in line[1] and f"`{quantity}`" in line[3] for line in lines), quantity
     for each in ELSEWHERE:
-        assert any(each.thesis in line[1] and f"`{each.command.removeprefix('palpate ')}`" in line[3] for line in lines)
+        assert any(
+            each["thesis"] in line[1] and f"`{each['command'].removeprefix('palpate ')}`" in line[3] for line in lines
+        )
 
 
 def test_the_files_that_a_part_is_exist() -> None:

@@ -81,8 +81,6 @@ ELSEWHERE = (
 """The properties of section 2.1 that other commands measure, under public names."""
 
 
-# --- The points and the result of a characterisation: figures of merit by their definitions, with uncertainty budgets
-
 # --- The points of a characterisation, and what those at one load tell together ------------------------
 
 LEAST_LOADS = 3  # for a line with its scatter
