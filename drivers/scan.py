@@ -507,17 +507,17 @@ def settings(
 
     Args:
         kinds: the known kinds of device.
-        baudrates: baud rates to try; none: the likely ones.
-        parities: parities to try; none: the likely ones.
+        baudrates: baud rates to try; none: the usual ones.
+        parities: parities to try; none: the usual ones.
     """
     delivered = [kind.map.line for kind in kinds if kind.map is not None and kind.map.line.baudrate]
     counted = Counter((line.baudrate or 9600, line.parity or "N", line.stopbits or 1) for line in delivered)
-    likely = list(dict.fromkeys([each for each, _ in counted.most_common()] + list(USUAL)))
+    usual_first = list(dict.fromkeys([each for each, _ in counted.most_common()] + list(USUAL)))
     if not baudrates and not parities:
-        return likely
+        return usual_first
     wanted = [
-        next((each for each in likely if each[:2] == (rate, parity)), (rate, parity, 1))
-        for rate in baudrates or dict.fromkeys(each[0] for each in likely)
+        next((each for each in usual_first if each[:2] == (rate, parity)), (rate, parity, 1))
+        for rate in baudrates or dict.fromkeys(each[0] for each in usual_first)
         for parity in parities or ("N", "E", "O")
     ]
-    return sorted(wanted, key=lambda each: likely.index(each) if each in likely else len(likely))
+    return sorted(wanted, key=lambda each: usual_first.index(each) if each in usual_first else len(usual_first))

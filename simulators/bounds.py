@@ -373,8 +373,8 @@ def step_changes(
 
 def _flips(expected: float) -> int:
     """Greatest number of samples that are rounded to another step, if the mean number is `expected`."""
-    likely = (count for count in range(FLIPS) if expected ** (count + 1) / math.factorial(count + 1) < SELDOM)
-    return next(likely, FLIPS)
+    counts = (count for count in range(FLIPS) if expected ** (count + 1) / math.factorial(count + 1) < SELDOM)
+    return next(counts, FLIPS)
 
 
 def _step(converter: ConverterEffect) -> float:

@@ -55,7 +55,7 @@ class Machine:
         """The machine as text for people, without the date."""
         return f"{self.cpu}, {self.cores} cores, {self.system}, Python {self.python}"
 
-    def told(self, here: Machine) -> str:
+    def provenance(self, here: Machine) -> str:
         """Where and when the times were measured, for people; of another machine than `here` also how long ago."""
         text = f"measured on {self.described}, {self.date}"
         if replace(here, date=self.date) == self:

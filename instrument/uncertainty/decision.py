@@ -193,6 +193,6 @@ def _mass(measured: Estimate, prior: NormalPrior, low: float, high: float) -> fl
         both = own + prior.sd**2
         centre = (value * prior.sd**2 + prior.mean * own) / both
         spread = np.sqrt(own * prior.sd**2 / both)
-        likely = np.exp(-0.5 * (value - prior.mean) ** 2 / both) / np.sqrt(both)
-        found += float(weights @ (likely * (ndtr((last - centre) / spread) - ndtr((first - centre) / spread))))
+        density = np.exp(-0.5 * (value - prior.mean) ** 2 / both) / np.sqrt(both)
+        found += float(weights @ (density * (ndtr((last - centre) / spread) - ndtr((first - centre) / spread))))
     return found

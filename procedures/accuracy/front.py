@@ -558,9 +558,9 @@ def _draw_payers(front: ModulusFront, asked: FrontPoint, ax: Axes) -> None:
     ax.legend(fontsize=8, loc="upper left", bbox_to_anchor=(0.0, 0.0), ncols=2, frameon=False)
 
 
-def _bars(ax: Axes, names: Sequence[str], values: Sequence[float], told: Sequence[str], label: str = "") -> None:
+def _bars(ax: Axes, names: Sequence[str], values: Sequence[float], labels: Sequence[str], label: str = "") -> None:
     bars = ax.barh(range(len(names)), values, color="0.75", label=label, height=0.6)
-    ax.bar_label(bars, told, padding=3, fontsize=8)
+    ax.bar_label(bars, labels, padding=3, fontsize=8)
     ax.set_yticks(range(len(names)), [textwrap.fill(name, NAME) for name in names], fontsize=8)
     ax.set_ylim(len(names) - 0.4, -0.6)
     ax.spines[["top", "right"]].set_visible(False)
@@ -577,10 +577,10 @@ def _draw_front(front: ModulusFront, ax: Axes) -> None:
     ax.plot(times[: sure + 1], halves[: sure + 1], "k-", lw=1.5, label="mean time of the quickest plan")
     if sure < len(times):
         ax.plot(times[sure:], halves[sure:], "k:", lw=1.5, label="fewer than 95 % of runs get there")
-    told: set[float] = set()
+    marked: set[float] = set()
     for point in [front.asked, *(each for _, each in front.targets)]:
-        if point is not None and all(abs(math.log(point.plan.times.mean / other)) > APART for other in told):
-            told.add(point.plan.times.mean)
+        if point is not None and all(abs(math.log(point.plan.times.mean / other)) > APART for other in marked):
+            marked.add(point.plan.times.mean)
             _mark(ax, point, asked=point is front.asked)
     ticks = (10, 20, 60, 120, 300, 600, 1800, 3600, 2 * 3600, 5 * 3600, 10 * 3600, 24 * 3600)
     ax.set(xscale="log", yscale="log", xlabel="time from the command to the answer, a person's included")

@@ -295,7 +295,7 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
     def show() -> None:
         from palpate.procedures.accuracy.numerics import print_numerics
 
-        print_numerics(tasks, prices.machine.told(this_machine()), plot)
+        print_numerics(tasks, prices.machine.provenance(this_machine()), plot)
 
     told = {"machine": asdict(prices.machine), "tasks": [task.summary() for task in tasks]}
     output.result(lambda: {**told, "plot": plot}, show)

@@ -61,33 +61,33 @@ def campaign(
     output = Output(as_json, quiet, progress, live=live)
     found = Campaign(campaign, store(), out, assume_mounted)
     planned = found.planned()
-    told = {"campaign": found.file.name, "simulated": found.chosen.scene is not None}
+    head = {"campaign": found.file.name, "simulated": found.chosen.scene is not None}
     if dry_run:
         seconds = sum(step.seconds for step in planned)
         rows = [step.summary() for step in planned]
-        told |= {"folder": None if out is None else str(out), "dry_run": True, "seconds": seconds, "steps": rows}
-        output.result(lambda: told, lambda: _show_ahead(planned))
+        head |= {"folder": None if out is None else str(out), "dry_run": True, "seconds": seconds, "steps": rows}
+        output.result(lambda: head, lambda: _show_ahead(planned))
         return 0
     rows, judged = [], []
     with output.prices(), output.served(pausable=False) as output:
-        _tell_page(output, told, rows, planned)
+        _tell_page(output, head, rows, planned)
         for step, verdicts in found.carried_out(output.listener):
             folder = found.folder_of(step.name) if step.due else None
             told_of = {} if verdicts is None else verdicts.summary()
             rows.append({**step.summary(), "run": None if folder is None else str(folder), **told_of})
             judged.append((step, verdicts))
-            _tell_page(output, told, rows, planned)
-    output.result(lambda: {**told, "folder": str(found.folder), "steps": rows}, lambda: _show_done(told, rows, judged))
+            _tell_page(output, head, rows, planned)
+    output.result(lambda: {**head, "folder": str(found.folder), "steps": rows}, lambda: _show_done(head, rows, judged))
     return max((verdicts.status for _, verdicts in judged if verdicts is not None), key=BY_WEIGHT.index, default=0)
 
 
 def _tell_page(
-    output: Output, told: Mapping[str, object], rows: Sequence[Mapping[str, object]], planned: Sequence[PlannedStep]
+    output: Output, head: Mapping[str, object], rows: Sequence[Mapping[str, object]], planned: Sequence[PlannedStep]
 ) -> None:
     """Tell a live page which steps are done, which is next, and what a person does for it."""
     if output.page is not None:
         ahead = [step.summary() for step in planned[len(rows) :]]
-        output.page.tell("campaign", {**told, "done": len(rows), "steps": [*rows, *ahead]})
+        output.page.tell("campaign", {**head, "done": len(rows), "steps": [*rows, *ahead]})
 
 
 def _show_ahead(planned: Sequence[PlannedStep]) -> None:
@@ -104,14 +104,14 @@ def _show_ahead(planned: Sequence[PlannedStep]) -> None:
 
 
 def _show_done(
-    told: Mapping[str, object],
+    head: Mapping[str, object],
     rows: Sequence[Mapping[str, object]],
     judged: Sequence[tuple[PlannedStep, Judgement | None]],
 ) -> None:
     """Print the runs, and why limits do not pass."""
     from palpate.procedures.showing.text import new_table, print_all, stamped
 
-    title = stamped(bool(told["simulated"]), f"Campaign {told['campaign']}")
+    title = stamped(bool(head["simulated"]), f"Campaign {head['campaign']}")
     table = new_table(title, "step", "procedure", "why", "run", "verdict")
     for row in rows:
         table.add_row(*(str(row.get(column) or "-") for column in ("name", "procedure", "why", "run", "verdict")))

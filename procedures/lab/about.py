@@ -86,11 +86,11 @@ def given(texts: Iterable[str]) -> dict[str, str]:
     return found
 
 
-def completed(told: Mapping[str, str], folder: Path, ask: Ask | None = None) -> dict[str, str]:
-    """What runs say about themselves: what is told, and what the lab's own file adds, in the order of that file.
+def completed(given: Mapping[str, str], folder: Path, ask: Ask | None = None) -> dict[str, str]:
+    """What runs say about themselves: what is given, and what the lab's own file adds, in the order of that file.
 
     Args:
-        told: the values by their keys.
+        given: the values by their keys.
         folder: where runs are kept, with the file or without.
         ask: asks a person a question and returns the answer; None: nobody can be asked.
 
@@ -99,9 +99,9 @@ def completed(told: Mapping[str, str], folder: Path, ask: Ask | None = None) -> 
         UsageError, UnknownName: a key or value cannot be, the lab knows no such key or value, or a required one lacks.
     """
     schema = schema_in(folder)
-    if len(told) > MOST:
-        raise UsageError(f"a run says {len(told)} things about itself; {MOST} are the most: leave some out")
-    for key, value in told.items():
+    if len(given) > MOST:
+        raise UsageError(f"a run says {len(given)} things about itself; {MOST} are the most: leave some out")
+    for key, value in given.items():
         _check_key(key, "about")
         if schema is not None and key not in schema:
             raise UnknownName(f"key of {folder / FILE}", key, schema)
@@ -109,13 +109,13 @@ def completed(told: Mapping[str, str], folder: Path, ask: Ask | None = None) -> 
             raise UsageError(f"about {key}: {quoted(value)} is no text; give one, such as {str(value)!r}")
         _check_value(key, value, (schema or {}).get(key), "about")
     if schema is None:
-        return dict(told)
-    return {key: value for key, asked in schema.items() if (value := _value(key, asked, told, folder, ask))}
+        return dict(given)
+    return {key: value for key, asked in schema.items() if (value := _value(key, asked, given, folder, ask))}
 
 
-def _value(key: str, asked: AboutKey, told: Mapping[str, str], folder: Path, ask: Ask | None) -> str:
-    if key in told:
-        return told[key]
+def _value(key: str, asked: AboutKey, given: Mapping[str, str], folder: Path, ask: Ask | None) -> str:
+    if key in given:
+        return given[key]
     if asked.ask and ask is not None:
         answer = ask(asked.ask + (f" ({', '.join(asked.values)})" if asked.values else "")).strip() or asked.default
         if answer:

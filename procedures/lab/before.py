@@ -161,10 +161,10 @@ def begun_bench(found: Sequence[FoundDevice], kinds: Sequence[DeviceKind]) -> st
                 section["set_to_link"] = True  # it answers with the settings of this link
             devices[_new(_plain(kind.name), devices)] = section
             continue
-        likely = each.fits or each.candidates
+        possible = each.fits or each.candidates
         unknown += ["", f"# unit {each.unit} on {link} answers, and is not known: {each.says or 'it tells nothing'}"]
-        unknown += [f"# could be: {' or '.join(likely) or 'no kind that has a map'}"]
-        section = (by_name[likely[0]].key if likely else {"map": "FILE"}) | place
+        unknown += [f"# could be: {' or '.join(possible) or 'no kind that has a map'}"]
+        section = (by_name[possible[0]].key if possible else {"map": "FILE"}) | place
         lines = [f"[device.NAME_{each.unit}]", *(f"{key} = {_value(value)}" for key, value in section.items())]
         if not each.fits:
             lines.append('inventory = "LABEL"')

@@ -354,8 +354,8 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
 
         return until_full(plan.steps, points, lambda step: (step.tooth, step.frequency_Hz), full)
 
-    def _step(self, tooth: int, frequency: float, load: float, told: str, first: bool) -> PressStep:
-        what = f"tooth {tooth}, {frequency:g} Hz, {told}"
+    def _step(self, tooth: int, frequency: float, load: float, load_text: str, first: bool) -> PressStep:
+        what = f"tooth {tooth}, {frequency:g} Hz, {load_text}"
         seconds = point_seconds(frequency, self.dwell, first)
         return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
 

@@ -466,15 +466,15 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
             return self._repeated(Repeats(target.design, *asked, target.mounts))
         sets = list(zip(self.sets, told_sets(self.sets), strict=True))
         steps = [
-            self._step(target, name, load, told, first=not number)
+            self._step(target, name, load, load_text, first=not number)
             for name in self.samples
-            for number, (load, told) in enumerate(sets)
+            for number, (load, load_text) in enumerate(sets)
         ]
-        likely = predicted(steps, [self._expected(target.design, name) for name in self.samples])
+        forecast = predicted(steps, [self._expected(target.design, name) for name in self.samples])
         if self.tolerance is not None:
             worst = max(step.ratio_u_expected or 0.0 for step in steps)
-            likely = replace(likely, u=worst, details={**likely.details, "tolerance_for": "point"})
-        return Plan(self.name, steps, likely)
+            forecast = replace(forecast, u=worst, details={**forecast.details, "tolerance_for": "point"})
+        return Plan(self.name, steps, forecast)
 
     def _repeated(self, repeats: Repeats) -> Plan[LoadStep, Repeats | None]:
         steps = []
@@ -507,7 +507,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         ]
         return Expected.of(expected_mean(ratio_of(sample), design, ratio, self.sets, dwells))
 
-    def _step(self, target: Target, sample: str, load: float, told: str, first: bool) -> LoadStep:
+    def _step(self, target: Target, sample: str, load: float, load_text: str, first: bool) -> LoadStep:
         design = target.design
         ratio = expected_ratio(design, sample)
         floor, noise = floor_of(design, ratio), expected_noise(design, load, ratio)
@@ -516,7 +516,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
             chosen = self._chosen(design, load, ratio)
             recording, u = recording_seconds(chosen.dwell, self.frequency), chosen.u
         seconds = point_seconds(self.frequency, recording, first=first, mounts=target.mounts)
-        what, group = f"sample {sample}, {told}", f"mount sample {sample}"
+        what, group = f"sample {sample}, {load_text}", f"mount sample {sample}"
         dwell = None if self.tolerance else self.dwell
         return LoadStep(dwell, seconds, u, sample, load, what=what, group=group)
 
@@ -591,10 +591,10 @@ def show_sweep(result: SweepResult, design: Design, outcome: Outcome) -> list[ob
         columns = {name: column for name, column in columns.items() if name not in OF_CHOSEN}
     title = "Load sets (forces and voltages peak to peak)"
     points = table_of(stamped(outcome["simulated"], title), result.points, columns)
-    worth = outcome["evidence"] if design.thesis_force_ratio else None
+    evidence = outcome["evidence"] if design.thesis_force_ratio else None
     columns = columns_of(SampleMean) | {"difference": Column(head="difference", cell=_difference)}
-    if worth:
-        columns["evidence"] = Column(head="evidence", cell=partial(_evidence, worth))
+    if evidence:
+        columns["evidence"] = Column(head="evidence", cell=partial(_evidence, evidence))
     means = table_of(stamped(outcome["simulated"], "Mean force ratio"), result.samples, columns)
     compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
     repeated = sum(p.attempts - 1 for p in result.points)
@@ -602,7 +602,7 @@ def show_sweep(result: SweepResult, design: Design, outcome: Outcome) -> list[ob
         points,
         *([_teeth(result, outcome["simulated"])] if any(s.teeth for s in result.samples) else []),
         means,
-        *([_worth(worth, outcome["model"])] if worth else []),
+        *([_evidence_line(evidence, outcome["model"])] if evidence else []),
         f"softness order, hard to soft: {' > '.join(result.softness_order) or 'none, no point is valid'}{compared}",
         *legend(points, means),
         *([] if result.tolerance is None else [_tolerance(result.tolerance, result)]),
@@ -618,9 +618,9 @@ def _difference(mean: SampleMean) -> str:
     return f"{100 * (mean.force_ratio / mean.thesis_force_ratio - 1):+z.1f} %"
 
 
-def _evidence(worth: str, mean: SampleMean) -> str:
-    """What agreement of a mean with the thesis is worth."""
-    return NOTHING if mean.force_ratio is None else worth
+def _evidence(evidence: str, mean: SampleMean) -> str:
+    """Which evidence the agreement of a mean with the thesis is."""
+    return NOTHING if mean.force_ratio is None else evidence
 
 
 def _tolerance(tolerance: float, result: SweepResult) -> str:
@@ -632,7 +632,7 @@ def _tolerance(tolerance: float, result: SweepResult) -> str:
     return f"tolerance      {plus_minus(tolerance, 3)} of {of}: {reached}{missed}"
 
 
-def _worth(evidence: str, model: str | None) -> str:
+def _evidence_line(evidence: str, model: str | None) -> str:
     """A line that says what agreement with the thesis' means is worth. The scene's model may contain those means."""
     if evidence == Evidence.INPUT.value:
         return f"{evidence}: model {model} is the thesis' own means; agreement shows that the bench measures right"

@@ -131,7 +131,7 @@ class Reference:
             )
 
     @property
-    def told(self) -> str:
+    def origin(self) -> str:
         """Where the modulus comes from, for people and the file."""
         return f"{self.source}, digest {self.digest[:12]}" if self.digest else self.source
 
@@ -216,7 +216,7 @@ MODULUS = "modulus of an object"
 
 
 @dataclass(frozen=True, slots=True)
-class Worth:
+class ModulusAccuracy:
     """What a number of references is worth for the modulus of an object."""
 
     references: Annotated[int | None, Column("their number; null: so many that more change nothing")]
@@ -232,20 +232,21 @@ class ReferencesResult:
         points: the points.
         calibration: the calibration.
         line: what is left of the validation error for objects that are measured with the same films' calibration.
-        worth: what the references are worth now, with another one, and with any number; empty: the spread is not known.
+        accuracies: of a modulus with these references, with another one, and with any number; empty: the spread is not
+            known.
         budgets: budgets of the references' mean ratios, and of the constant.
     """
 
     points: Sequence[SoftnessPoint]
     calibration: ModelCalibration
     line: ValidationLine
-    worth: tuple[Worth, ...]
+    accuracies: tuple[ModulusAccuracy, ...]
     budgets: Sequence[Budget]
 
     @property
     def achieved_u(self) -> float | None:
         """Relative standard uncertainty of a modulus by the calibration alone; None: the spread is not known."""
-        return self.worth[0].modulus_u if self.worth else None
+        return self.accuracies[0].modulus_u if self.accuracies else None
 
     @property
     def unbudgeted(self) -> dict[str, tuple[float, float]]:
@@ -262,7 +263,7 @@ class ReferencesResult:
             **{name: found[name] for name in names},
             "factor": math.exp(self.calibration.constant),
             "validation_line": self.line.summary(),
-            "worth": [asdict(each) for each in self.worth],
+            "worth": [asdict(each) for each in self.accuracies],
         }
 
 
@@ -328,7 +329,7 @@ def evaluate(
                 each.name,
                 each.modulus,
                 each.u,
-                each.told,
+                each.origin,
                 mean.value,
                 math.hypot(part[SCATTER], part[NOISE]) / mean.value,
                 part[CALIBRATION] / mean.value,
@@ -347,15 +348,15 @@ def evaluate(
     }
     found = fit_model(measured, known, about)
     line = found.line(same_films=True)
-    return ReferencesResult(points, found, line, _worth(found, line), [*budgets, _budget(found)])
+    return ReferencesResult(points, found, line, _accuracies(found, line), [*budgets, _budget(found)])
 
 
-def _worth(found: ModelCalibration, line: ValidationLine) -> tuple[Worth, ...]:
+def _accuracies(found: ModelCalibration, line: ValidationLine) -> tuple[ModulusAccuracy, ...]:
     count = len(found.references)
     sensitivity = statistics.median(each.sensitivity for each in found.references)
     lines = ((count, line), (count + 1, found.with_more(count + 1)), (None, found.with_more(10**6)))
     return tuple(
-        Worth(number, sensitivity * each.u, sensitivity * each.u * coverage_factor(each.degrees_of_freedom))
+        ModulusAccuracy(number, sensitivity * each.u, sensitivity * each.u * coverage_factor(each.degrees_of_freedom))
         for number, each in lines
         if each is not None and each.u is not None
     )
@@ -597,18 +598,19 @@ def _films_text(films: FilmCalibration | None) -> str:
 
 
 def _modulus_lines(result: ReferencesResult) -> list[str]:
-    """What the calibration is worth for a modulus, and what another reference would change."""
-    if not result.worth:
+    """How accurate a modulus is by the calibration, and what another reference would change."""
+    if not result.accuracies:
         return ["another        a second reference tells the spread; until then the absolute uncertainty is not known"]
 
-    def told(u: float, half: float) -> str:
+    def accuracy(u: float, half: float) -> str:
         return f"u {100 * u:.3g} %, 95 % within a factor of {math.exp(half):.3g}"
 
-    now, another, any_number = result.worth
+    now, another, any_number = result.accuracies
     count = counted(now.references or 0, "reference")
     return [
-        f"modulus        by {count} {told(now.modulus_u, now.half_width)}",
-        f"another        {told(another.modulus_u, another.half_width)}; any number: {100 * any_number.modulus_u:.3g} %",
+        f"modulus        by {count} {accuracy(now.modulus_u, now.half_width)}",
+        f"another        {accuracy(another.modulus_u, another.half_width)}; any number:"
+        f" {100 * any_number.modulus_u:.3g} %",
     ]
 
 

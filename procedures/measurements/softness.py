@@ -617,17 +617,17 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
             turns = range(1, self.sets + 1)
             sets = [(self.loads[(n - 1) % len(self.loads)], f"set {n} of at most {self.sets}") for n in turns]
         steps = [
-            self._step(target, each.name, load, told, first=not number)
+            self._step(target, each.name, load, load_text, first=not number)
             for each in self.objects
-            for number, (load, told) in enumerate(sets)
+            for number, (load, load_text) in enumerate(sets)
         ]
         if ranking is None:
             taken = {each.name: len(self.loads) for each in self.objects}
             return Plan(self.name, steps, predicted(steps, self._expected(target, taken)))
-        likely = ranking.predicted()
-        found = self._expected(target, likely.details["planned"]["sets"])
-        told = {**likely.details, RESULTS: [asdict(each) for each in found]}
-        return Plan(self.name, steps, replace(likely, u=greatest(found), details=told), ranking)
+        forecast = ranking.predicted()
+        found = self._expected(target, forecast.details["planned"]["sets"])
+        details = {**forecast.details, RESULTS: [asdict(each) for each in found]}
+        return Plan(self.name, steps, replace(forecast, u=greatest(found), details=details), ranking)
 
     def _expected(self, target: Target, sets: Mapping[str, int]) -> list[Expected]:
         """What is expected of ratios and moduli, for each object's number of sets, which take the loads in turn."""
@@ -638,9 +638,9 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
         references = None if question is None else references_on(target, question)
         return expected_moduli(design, ratios, loads, self.dwell, question, references)
 
-    def _step(self, target: Target, name: str, load: float, told: str, first: bool) -> TouchStep:
+    def _step(self, target: Target, name: str, load: float, load_text: str, first: bool) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=first, mounts=target.mounts)
-        what, group = f"{name}, {told}", f"mount {name}"
+        what, group = f"{name}, {load_text}", f"mount {name}"
         return TouchStep(self.dwell, seconds, target.design.ratio_scatter, name, load, what=what, group=group)
 
     def begin(self, plan: Plan[TouchStep, Ranking | None], lab: Lab, record: Recorder) -> Touching:

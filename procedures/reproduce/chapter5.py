@@ -384,18 +384,18 @@ def _table(
 ) -> RowTable:
     """Cells of every row beside the point with that key."""
     table, design = read_table(number), get_design(arrangement.design)
-    told = load_told(table, [point.load_N for point in points.values()])
+    load_factor = load_told(table, [point.load_N for point in points.values()])
     of_one_sample = number in arrangement.tables.values()
     rows = [
-        _row(table, key, quantity, point, arrangement, ratio, told, of_one_sample)
+        _row(table, key, quantity, point, arrangement, ratio, load_factor, of_one_sample)
         for key, point in points.items()
         for quantity in quantities(design, traces, arrangement.tables.values())
         if quantity.column in table.columns
     ]
-    off = abs(told - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
+    off = abs(load_factor - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
     said = (
-        f"the thesis' own base films tell of {told:.3f} times the set load in the mean, more than its loads scatter."
-        " All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
+        f"the thesis' own base films tell of {load_factor:.3f} times the set load in the mean, more than its loads"
+        " scatter. All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
     )
     again = bool(arrangement.tables) and not of_one_sample
     return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)
@@ -408,7 +408,7 @@ def _row(
     point: LoadPoint,
     arrangement: Arrangement,
     ratio: EvidencePart,
-    told: float,
+    load_factor: float,
     of_one_sample: bool,
 ) -> Row:
     design, cell = get_design(arrangement.design), table.columns[quantity.column][table.rows.index(key)]
@@ -420,9 +420,9 @@ def _row(
     if quantity.film is not None:
         varies = quantity.theirs(*(() if of_one_sample else (LOAD_BETWEEN,)), LOAD_WITHIN)
         common = between_samples(arrangement.tables.values(), quantity.film) if of_one_sample else 0.0
-        at_load = cell.value / told
+        at_load = cell.value / load_factor
         kind = SCOPE if quantity.column == SCOPE else FORCES
-        group = RowCorrelation(kind, math.hypot(varies * at_load, own * ours), common * at_load, told)
+        group = RowCorrelation(kind, math.hypot(varies * at_load, own * ours), common * at_load, load_factor)
     elif quantity.column == METER:
         group = RowCorrelation(METER, u, u)  # one line of the load cell holds for all
     found = Row(key, quantity.column, cell, ours, u, evidence, group=group)

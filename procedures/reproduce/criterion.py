@@ -60,10 +60,10 @@ def odds_sentence(table: ThesisTable, design: str) -> str:
     them.
     """
     own, softer = fitted_line(table), ring_of(table) == RING
-    worth = "fitted to this ring" if softer else "fitted on the other ring, a prediction on this one"
+    evidence = "fitted to this ring" if softer else "fitted on the other ring, a prediction on this one"
     said = (
         f"odds of tooth to ring R/(1-R) are {own.start:.5f} + {own.slope:.6f} E1/E2, to {own.residual:.1e} of R at"
-        f" worst; by model column_fitted, {worth}, to {distance(LINES[design], table):.1e}"
+        f" worst; by model column_fitted, {evidence}, to {distance(LINES[design], table):.1e}"
     )
     if not (softer and table.number.startswith("A")):
         return said

@@ -282,7 +282,7 @@ def _over(figure: RatioFigure, line: TheoryCurve, moduli: Array) -> Array:
 def _caption(figure: RatioFigure, parameters: Sequence[str]) -> str:
     printed = [f"{line.label}: {line.source}" for line in figure.lines if line.source]
     missing = [line.label for line in figure.lines if not line.source]
-    worth = {
+    evidence = {
         kind: [
             f"{line.label} by the {line.by(name)}"
             for line in figure.lines
@@ -294,7 +294,7 @@ def _caption(figure: RatioFigure, parameters: Sequence[str]) -> str:
     parts = [f"Marks: the thesis' values, {'; '.join(printed)}"]
     if missing:
         parts.append(f"the thesis prints no values of {' and '.join(missing)}")
-    parts += [f"ours, {kind.value}: {'; '.join(who)}" for kind, who in worth.items() if who]
+    parts += [f"ours, {kind.value}: {'; '.join(who)}" for kind, who in evidence.items() if who]
     return f"{'. '.join(part[0].upper() + part[1:] for part in parts)}. {figure.taken}".rstrip()
 
 
@@ -347,8 +347,8 @@ def draw_position(comparison: Comparison, folder: Path) -> SavedPicture:
             words, marker, style = shown[column.quantity]
             axes.plot(x, column.thesis, marker, color=THESIS, ms=4, mfc="none", label=f"thesis, {words}")
             for series in column.ours:
-                worth = column.evidence(series, comparison.table).value
-                label = f"ours, {words}: {series.parameters} set, {worth}"
+                evidence = column.evidence(series, comparison.table).value
+                label = f"ours, {words}: {series.parameters} set, {evidence}"
                 axes.plot(x, series.values, style, color=COLORS[series.parameters], lw=1.3, label=label)
         axes.axhline(0, color=THESIS, lw=0.6)
         axes.grid(alpha=0.3)
@@ -462,7 +462,7 @@ def _draw_moduli(measured: BenchMeasurements, folder: Path) -> SavedPicture:
 
 def _draw_bench_ratios(design: str, measured: BenchMeasurements, folder: Path) -> SavedPicture:
     """Draw Figure 5.3, 5.4 or 5.5. Raises RecordError."""
-    (number, source), worth = BY_RATIO[design], measured.evidence[design]
+    (number, source), evidence = BY_RATIO[design], measured.evidence[design]
     table = read_table(source)
     printed = dict(zip(table.rows, table.values("force_ratio").tolist(), strict=True))
     points = {point.sample: point for point in measured.swept[design].points if point.load_N == AT_3_N}
@@ -470,8 +470,8 @@ def _draw_bench_ratios(design: str, measured: BenchMeasurements, folder: Path) -
     ours = {name: f"{points[name].force_ratio:.3f}, u {points[name].force_ratio_u:.3f}" for name in order}
     caption = (
         f"Left: the thesis' order, with the force ratios under {AT_3_N:g} N of Table {source}. Right: ours under that"
-        f" load on a simulated bench, with standard uncertainty; {worth.value}: {worth.meaning}. Red: samples that"
-        " change places."
+        f" load on a simulated bench, with standard uncertainty; {evidence.value}: {evidence.meaning}. Red: samples"
+        " that change places."
     )
     thesis = {name: f"{printed[name]:.3f}" for name in get_design(design).thesis_softness_order}
     return _draw_orders(number, thesis, ours, caption, folder)
@@ -510,7 +510,7 @@ def _draw_experiments(measured: BenchMeasurements, folder: Path) -> SavedPicture
     legend(drawing)
     caption = (
         f"Hollow: the thesis' experiments ({MEANS}); whether it draws these or the ratios under 3 N is not said."
-        f" Full: {BENCH}. {_worth(measured)}."
+        f" Full: {BENCH}. {_evidence_sentence(measured)}."
     )
     return save(drawing, ALONE, caption, folder)
 
@@ -539,15 +539,15 @@ def _draw_with_theories(
     _experiment(axes, figure.design, measured, "C3")
     for (design, name), swept in measured.blind.items():
         if design == figure.design:
-            worth = of_experiment(RATIO, ratio_by(BLIND_MODEL, name), *figure.tables)
-            _bench(axes, design, swept, COLORS[name], f"ours: bench by {name} set, {worth.value}")
+            evidence = of_experiment(RATIO, ratio_by(BLIND_MODEL, name), *figure.tables)
+            _bench(axes, design, swept, COLORS[name], f"ours: bench by {name} set, {evidence.value}")
     _finish(axes)
     legend(drawing, columns=1)
     caption = (
         f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
         f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
-        f" {_worth(measured, figure.design)}. In the curves' colours: the same benches by finite elements of that set"
-        f" (model {BLIND_MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa; none is fitted to these"
+        f" {_evidence_sentence(measured, figure.design)}. In the curves' colours: the same benches by finite"
+        f" elements of that set (model {BLIND_MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa; none is fitted to these"
         f" experiments; beside the crosses they are: {'; '.join(said)}."
         + (ROUND if any(line.model == "axisymmetric" for line in figure.theories) else "")
     )
@@ -584,7 +584,7 @@ def _bench(axes: Axes, design: str, swept: SweepResult, color: str, label: str) 
         axes.errorbar(moduli, ratios, u, fmt=marker, color=color, ms=3.5, capsize=2, lw=0.8, label=label)
 
 
-def _worth(measured: BenchMeasurements, *designs: str) -> str:
+def _evidence_sentence(measured: BenchMeasurements, *designs: str) -> str:
     """Text on what agreement of the benches' ratios is worth, for all or some designs."""
     kinds = dict.fromkeys(measured.evidence[design] for design in designs or measured.evidence)
     return f"They are {'; '.join(f'{kind.value}: {kind.meaning}' for kind in kinds)}"

@@ -168,29 +168,29 @@ def _sections(each: Reported, order: int, level: int) -> Iterator[str]:
     if each.warning:
         yield warning(each.warning)
 
-    def told(heading: str, *parts: str) -> str:
+    def part(heading: str, *parts: str) -> str:
         return section(heading, parts, level)
 
-    yield told("Run", pairs(each.facts.items()))
+    yield part("Run", pairs(each.facts.items()))
     if found is not None:
-        yield told("Result", *_shown(found, run.folder, f"{run.procedure} {order}"))
+        yield part("Result", *_shown(found, run.folder, f"{run.procedure} {order}"))
     if each.judged is not None:
-        yield told("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
-    yield told("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
+        yield part("Verdicts", of_things(show_verdicts(each.judged, run.simulated)))
+    yield part("Uncertainty budgets", of_things(show_budgets(each.budgets, run.simulated)))
     line, table = shown_points(run, each.points)
-    yield told("Points as recorded", of_things([line, table, *legend(table, marks=FLAGS)]))
+    yield part("Points as recorded", of_things([line, table, *legend(table, marks=FLAGS)]))
     beside = () if found is None else found.outcome.get("beside", ())
     sources = ((each["name"], f"{sentence(each)}, {each['field']} of {each['device']}") for each in beside)
-    yield told("Beside the points", pairs(sources))
-    yield told("Settings", rows(("setting", "value", "meaning"), _settings(run)))
+    yield part("Beside the points", pairs(sources))
+    yield part("Settings", rows(("setting", "value", "meaning"), _settings(run)))
     serials = _part(header, "devices")
-    yield told("Devices", rows(("device", "serial number"), [(name, serials[name] or "-") for name in serials]))
+    yield part("Devices", rows(("device", "serial number"), [(name, serials[name] or "-") for name in serials]))
     heads = ("calibration of", "source", "device", "created", "expires", "SHA-256", "rests on")
-    yield told("Calibrations", rows(heads, _calibrations(header)))
+    yield part("Calibrations", rows(heads, _calibrations(header)))
     kept, left_out = ends(run.events(), MOST)
     events = [(f"{event['bench_ns'] / 1e9:z.1f}", event["kind"], event["message"]) for event in kept]
-    yield told("Incidents and other events", rows(("bench time s", "kind", "what"), events, left_out=left_out))
-    yield told("Software", pairs(_software(header).items()))
+    yield part("Incidents and other events", rows(("bench time s", "kind", "what"), events, left_out=left_out))
+    yield part("Software", pairs(_software(header).items()))
 
 
 def _shown(found: RecordedResult, run: Path, name: str) -> Iterator[str]:

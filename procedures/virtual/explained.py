@@ -183,7 +183,7 @@ class Explained:
 
     def cost(self, name: str) -> tuple[str, str]:
         """Texts of what an effect adds, in the order of `PRICE`."""
-        return self.prices[name].told() if name in self.prices else ("-", "-")
+        return self.prices[name].texts() if name in self.prices else ("-", "-")
 
 
 def print_explained(found: Explained) -> None:
@@ -205,7 +205,7 @@ def print_explained(found: Explained) -> None:
     ]  # fmt: skip
     cost = ""
     if "" in found.prices:
-        a, b = found.prices[""].told()
+        a, b = found.prices[""].texts()
         cost = f", {a} ms of processor time and {b} µs for each second of bench"
     changes = f"measured with and without it, the root mean square over {DRAWS} draws of all noise and scatter"
     print_all(
@@ -312,7 +312,7 @@ def print_front(found: SceneFront, plot: str | None) -> None:
     for each in found.tried:
         more = ", ".join(name for name in each.without if name not in before) or "nothing"
         table.add_row(
-            more, str(count - len(each.without)), f"{each.force:.1e}", f"{each.ratio:.1e}", *each.price.told(),
+            more, str(count - len(each.without)), f"{each.force:.1e}", f"{each.ratio:.1e}", *each.price.texts(),
             "yes" if each in best else "",
         )  # fmt: skip
         before = set(each.without)

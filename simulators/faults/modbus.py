@@ -89,14 +89,14 @@ class NoisyLine:
         """Set the client's terminal to tell when it is opened anew, in the first byte of what is read from it."""
         fcntl.ioctl(client, termios.TIOCPKT, struct.pack("i", 1))
 
-    def to_device(self, client: int, told: bytes) -> bytes:
+    def to_device(self, client: int, heard: bytes) -> bytes:
         """The bytes that the device receives, from those that were read from the client's terminal.
 
         The client writes a whole frame at once. A client that has given up opens the line anew and clears it; late
         replies come then.
         """
-        frame = told[1:]
-        if self._late and told[0] & termios.TIOCPKT_FLUSHREAD:
+        frame = heard[1:]
+        if self._late and heard[0] & termios.TIOCPKT_FLUSHREAD:
             os.write(client, self._late)
             self._late = b""
         if not frame:

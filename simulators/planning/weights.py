@@ -28,7 +28,7 @@ from palpate.simulators.scenes.scene import LARGEST_SEED, Scene
 # --- what scenes cost ----------------------------------------------------------------------------------
 
 #     taken = timed([scene, leaving_out(scene, ["hysteresis"])], Question())
-#     taken.more(0, 1).told()  # what hysteresis costs
+#     taken.more(0, 1).texts()  # what hysteresis costs
 #
 # The time of one dwell divided by it is no price: what is spent once makes it the larger, the shorter the dwell. Every
 # scene is timed at several dwells, in rounds of random order, with one seed a round. What was computed of a system is
@@ -41,7 +41,7 @@ FEWEST = 15  # rounds, which double until every u(a) is small
 SMALL = 0.1  # of the first scene's a
 LONGEST, LEAST = 60.0, 5  # s of wall time after which no round begins, if there are so many
 BOOTSTRAPS = 200
-PRICE = ("ms", "µs/s")  # titles of the columns of `PriceLine.told`
+PRICE = ("ms", "µs/s")  # titles of the columns of `PriceLine.texts`
 PRICE_OF = "ms once, and µs for each second of bench; no digit is below its standard uncertainty u, and < is 2 u"
 CLOCK = 1e-9  # s, a step of the clock of processor time
 Progress = Callable[[int, int, str], None]
@@ -65,7 +65,7 @@ class PriceLine:
         """Processor time for so many seconds of bench [s]."""
         return self.a_s + self.b_s_per_s * dwell
 
-    def told(self) -> tuple[str, str]:
+    def texts(self) -> tuple[str, str]:
         """Texts of a in ms and of b in µs a second, for people."""
         return digits(1e3 * self.a_s, 1e3 * self.u_a_s), digits(1e6 * self.b_s_per_s, 1e6 * self.u_b_s_per_s)
 

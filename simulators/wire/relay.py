@@ -56,7 +56,7 @@ class LineNoise(Protocol):
     def watch(self, client: int) -> None:
         """Put the client's terminal into the mode in which the first byte read from it tells that it was reopened."""
 
-    def to_device(self, client: int, told: bytes) -> bytes:
+    def to_device(self, client: int, heard: bytes) -> bytes:
         """The bytes that the device receives, from those that were read from the client's terminal."""
 
     def to_client(self, frame: bytes) -> bytes:

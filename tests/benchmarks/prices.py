@@ -32,7 +32,7 @@ def measure() -> Iterator[Row]:
             first.u_b_s_per_s, again.u_b_s_per_s
         )
         yield Row(
-            f"price of {name or f'scene {SCENE}'}, ms; µs/s", " | ".join("; ".join(p.told()) for p in (first, again))
+            f"price of {name or f'scene {SCENE}'}, ms; µs/s", " | ".join("; ".join(p.texts()) for p in (first, again))
         )
     near, busy = sum(abs(z) < FAR for z in apart.values()) / len(apart), " and ".join(f"{load:.1f}" for load in loads)
     worst = max(apart, key=lambda name: abs(apart[name]))

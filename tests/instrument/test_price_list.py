@@ -276,9 +276,9 @@ def test_a_damaged_list_is_refused_with_the_remedy(
 def test_prices_of_another_machine_are_told_with_their_age() -> None:
     here = Machine(cpu="abacus", cores=1, system="table", python="3.11", date="2026-03-01")
     earlier = replace(here, date="2026-01-30")
-    assert earlier.told(here) == "measured on abacus, 1 cores, table, Python 3.11, 2026-01-30"
+    assert earlier.provenance(here) == "measured on abacus, 1 cores, table, Python 3.11, 2026-01-30"
     other = replace(earlier, cpu="slide rule")
-    assert other.told(here) == (
+    assert other.provenance(here) == (
         "measured on slide rule, 1 cores, table, Python 3.11, 2026-01-30, 30 days ago;"
         " this is another machine: abacus, 1 cores, table, Python 3.11"
     )

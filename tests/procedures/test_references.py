@@ -230,7 +230,7 @@ def test_the_calibration_has_each_line_of_the_measured_ratios_and_its_worth_is_t
     assert c.constant == pytest.approx(math.log(1 / 0.8))
     assert found.summary()["factor"] == pytest.approx(1 / 0.8)
     _, sensitivity, _ = sorted(each.sensitivity for each in c.references)
-    now, another, any_number = found.worth
+    now, another, any_number = found.accuracies
     assert (now.references, another.references, any_number.references) == (3, 4, None)
     line, more = c.line(same_films=True), c.with_more(4)
     assert line.u is not None and more is not None and more.u is not None

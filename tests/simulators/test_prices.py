@@ -53,7 +53,7 @@ def test_a_line_is_found_among_calls_that_were_held_up_and_its_uncertainties_hol
 )  # fmt: skip
 def test_no_digit_below_the_uncertainty_is_told(value: float, u: float, text: str) -> None:
     assert digits(value, u) == text
-    assert PriceLine(value * 1e-3, u * 1e-3, 1e-6, 1e-9).told()[0] == text
+    assert PriceLine(value * 1e-3, u * 1e-3, 1e-6, 1e-9).texts()[0] == text
 
 
 class Machine:
