@@ -395,7 +395,8 @@ def _table(
     off = abs(load_factor - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
     said = (
         f"the thesis' own base films tell of {load_factor:.3f} times the set load in the mean, more than its loads"
-        " scatter. All its forces and voltages are off by that factor, its ratios are not; the test for a bias divides by it",
+        " scatter. All its forces and voltages are off by that factor, its ratios are not; the test for a bias"
+        " divides by it",
     )
     again = bool(arrangement.tables) and not of_one_sample
     return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)

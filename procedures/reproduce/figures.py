@@ -547,7 +547,8 @@ def _draw_with_theories(
         f"Hollow: the thesis' experiments ({MEANS}). Crosses: its theories"
         f" ({'; '.join(f'{line.words}: {line.source}' for line in figure.theories)}). Full: {BENCH}."
         f" {_evidence_sentence(measured, figure.design)}. In the curves' colours: the same benches by finite"
-        f" elements of that set (model {BLIND_MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa; none is fitted to these"
+        f" elements of that set (model {BLIND_MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa;"
+        f" none is fitted to these"
         f" experiments; beside the crosses they are: {'; '.join(said)}."
         + (ROUND if any(line.model == "axisymmetric" for line in figure.theories) else "")
     )
