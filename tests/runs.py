@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from types import MappingProxyType
 from typing import Any
 
 from palpate.procedures.records.chain import HEAD_FILE, NOTHING, RECORD, Head, packed
@@ -50,12 +51,17 @@ def rehash(
     _put(folder, parts, head)
 
 
-def made(folder: Path, header: Mapping[str, Any], points: Iterable[tuple[Mapping[str, Any], Waveforms]]) -> None:
+def made(
+    folder: Path,
+    header: Mapping[str, Any],
+    points: Iterable[tuple[Mapping[str, Any], Waveforms]],
+    summary: Mapping[str, Any] = MappingProxyType({}),
+) -> None:
     """Writes a complete run of points with their waveforms at once, one a second of bench time."""
     frames, number = [header_frame(header)], 0
     for number, (data, waveforms) in enumerate(points, 1):
         frames += point_frames(number, data, waveforms, number * 10**9)
-    frames.append(status_frame("complete", {}))
+    frames.append(status_frame("complete", summary))
     start = Head(chain_of(header), 0, 0, 0, 0, 0, NOTHING)
     folder.mkdir(parents=True)
     _put(folder, *packed(start, frames, SIMULATED if header["simulated"] else 0, number, 0))

@@ -26,7 +26,7 @@ def measure() -> Iterator[Row]:
         yield from _reported(store, "run", ROUNDS, "report of 36 points", SECONDS)
         run = palpate.read(store / "run")
         points = [{key: value for key, value in each.items() if key not in ("id", "bench_ns")} for each in run.points()]
-        made(store / "many", run.header, ((points[number % len(points)], {}) for number in range(MANY)))
+        made(store / "many", run.header, ((points[number % len(points)], {}) for number in range(MANY)), run.summary)
         yield from _reported(store, "many", 1, f"report of {MANY:,} points", MANY_SECONDS)
 
 
