@@ -514,14 +514,6 @@ def _volts(effect: InputEffect, stream: Stream, times: Times, period_ns: int, ra
     return effect.volts(stream, times, period_ns, lambda: rates)
 
 
-# --- changes -------------------------------------------------------------------------------------------
-
-# The rig follows the scene with the effect and without it, for a drive that begins in any phase. Everything that is
-# certain changes by just that difference. Random parts, of both sides or of one, are added with six standard
-# deviations. Rounding by a converter is tried out. Where contact is lost, a limit acts or the converter's rail is
-# reached, there is no bound.
-
-
 # --- Effects on the share of the force that teeth take, held at the ends of what they may draw ---------
 #
 # What another effect changes grows or falls with that share, and so does what such an effect changes itself: both are
@@ -566,6 +558,11 @@ def _ends(effects: Effects) -> tuple[float, ...]:
 
 
 # --- the bounds ----------------------------------------------------------------------------------------
+#
+# The rig follows the scene with the effect and without it, for a drive that begins in any phase. Everything that is
+# certain changes by just that difference. Random parts, of both sides or of one, are added with six standard
+# deviations. Rounding by a converter is tried out. Where contact is lost, a limit acts or the converter's rail is
+# reached, there is no bound.
 
 BEYOND = Bound(math.inf, math.inf)
 BETWEEN = {True: 0.01, False: 0.5}  # share of the results' span over phases that is added for phases between

@@ -17,6 +17,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, RANGES
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.price_list import DATA, PriceList
@@ -223,7 +224,6 @@ def _draw(task: Task, ax: Axes) -> None:
 
 # --- Numbers with few bits: error and time of a fit, of a phase, and of samples in registers, measured now
 
-Floats = npt.NDArray[np.float64]
 Real = Literal["float32", "float64"]
 
 FREQUENCY, RATE, DWELL = 10.0, 250.0, 10.0

@@ -36,7 +36,7 @@ TOLERANCE = 0.05
     cls=SettingsCommand,
     procedure="measure-modulus",
     without=("object", "time", "mountings"),
-    epilog="Examples:\n\n  palpate accuracy front\n\n  palpate accuracy --modulus '48 kPa' --out prices"
+    epilog="Examples:\n\n  palpate accuracy front\n\n  palpate accuracy --modulus '48 kPa' --out prices.svg"
     "\n\n  palpate accuracy --sample 2 --mounting-scatter '1 %' --json"
     "\n\n  palpate accuracy --bench lab.toml --modulus '20 kPa' --model surface",
 )
@@ -176,7 +176,7 @@ def promises_command(store: Path | None, as_json: bool, quiet: bool) -> None:
 @click.command(
     cls=StrictCommand,
     epilog="Examples:\n\n  palpate accuracy scene noisy_lab"
-    "\n\n  palpate accuracy scene everything --sample 6 --load '4 N' --out prices --json",
+    "\n\n  palpate accuracy scene everything --sample 6 --load '4 N' --out prices.svg --json",
 )
 @SCENE
 @question_options
@@ -227,7 +227,7 @@ class FrontFirst(StrictGroup):
 @click.group(
     cls=FrontFirst,
     invoke_without_command=True,
-    epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --modulus '48 kPa' --out prices --json"
+    epilog="Examples:\n\n  palpate accuracy\n\n  palpate accuracy --modulus '48 kPa' --out prices.svg --json"
     "\n\n  palpate accuracy numerics",
 )
 def accuracy() -> None:
@@ -240,8 +240,8 @@ accuracy.add_command(scene_command, "scene")
 
 
 @accuracy.command(
-    epilog="Examples:\n\n  palpate accuracy numerics\n\n  palpate accuracy numerics --design array --out prices --json"
-    "\n\n  palpate accuracy numerics --store\n\n  palpate accuracy numerics --design single --store"
+    epilog="Examples:\n\n  palpate accuracy numerics\n\n  palpate accuracy numerics --design array --out prices.svg"
+    " --json\n\n  palpate accuracy numerics --store\n\n  palpate accuracy numerics --design single --store"
 )
 @option("--design", help="single_round, single, common_base, different_base, array or array_16 (default: single).")
 @option("--store", is_flag=True, help="First measure the models' prices anew, of all designs or of the named one.")

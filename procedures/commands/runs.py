@@ -1,4 +1,4 @@
-"""The commands palpate runs list, show, report, export, check, repair, install and resume, and palpate judge."""
+"""The commands palpate runs list, show, report, plot, export, check, repair, install and resume, and palpate judge."""
 
 from __future__ import annotations
 
@@ -149,7 +149,7 @@ def resume(
         return tell(procedure, done, output)
 
 
-# --- runs list, show and export, and the group ---------------------------------------------------------
+# --- runs list, show, report, plot and export, and the group -------------------------------------------
 
 
 @click.group(cls=StrictGroup)
@@ -224,6 +224,7 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     with the uncertainty of each difference, then each run. A damaged run is shown as far as it is whole. No file is
     overwritten.
     """
+    from palpate.instrument.errors import UsageError
     from palpate.procedures.engine.verdict import STATUS, read_limits
     from palpate.procedures.records.run import check_new, find_run
     from palpate.procedures.showing.run_report import PAGES, compared, report_page, reported, write_page
@@ -231,6 +232,9 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
     output = Output(as_json, quiet)
     check_new(out, PAGES)
     asked, folders = None if limits is None else read_limits(limits), [find_run(name, store()) for name in run]
+    places = [each.resolve() for each in folders]
+    if twice := [name for name, place in zip(run, places, strict=True) if places.count(place) > 1]:
+        raise UsageError(f"{' and '.join(twice)} are one run; name each run once")
     with reported(folders, asked) as found:
         comparisons = compared(found)
         file = write_page(report_page(found, comparisons), out, folders[0])
@@ -267,7 +271,7 @@ def plot(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     output = Output(as_json, quiet)
     folder = find_run(run, store())
     file = picture_file(folder.name, out, store())
-    with after(folder), reported([folder]) as (found,):
+    with reported([folder]) as (found,), after(folder):
         draw_run(found, file)
     if as_json:
         told = {"run": str(found.folder), "simulated": found.run.simulated, "warning": found.warning or None}

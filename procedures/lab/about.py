@@ -1,4 +1,4 @@
-"""Who measures what, and why: keys of the lab's own, said once for a bench and kept in the record of each of its runs.
+"""What a run says of itself: keys of the lab's own, said once for a bench, and the software it was taken with.
 
 `about.toml` in the folder of the runs says which keys there are; without that file every key is free:
 

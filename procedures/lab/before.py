@@ -1,4 +1,4 @@
-"""What was done on an open simulated bench before a run, so that the run can be resumed where it began.
+"""What precedes a run: earlier runs on an open simulated bench, and a bench file begun from a search.
 
 What a simulated bench gives depends on everything that was done on it. So the header of a later run names the runs
 before it, with their settings and calibrations. To resume it, they are carried out again on a new bench, and nothing of

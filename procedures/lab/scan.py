@@ -1,4 +1,4 @@
-"""A search for devices, as it is asked for: what is asked, in which order, and how long it takes."""
+"""A search for devices, as it is asked for, and the setting of a CANopen device's node id and bit rate (LSS)."""
 
 from __future__ import annotations
 

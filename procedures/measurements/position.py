@@ -268,12 +268,6 @@ def _place_u(design: Design, sample: Sample, place: Place, noise: Sequence[float
     return math.sqrt(square)
 
 
-# --- A tolerance of each found place, or a time for all: how often the load is set at each position ----
-#
-# The shares of the load sets are averaged, and the place is found from their mean. The first sets tell how much the
-# shares scatter, and that tells how many sets there are in all, as `instrument.allocation.stopping` has it. The error
-# of the table of point loads is the same in all of them.
-
 # -------------------------------------------------------------------------------------------------------
 # A tolerance of a place that no load set reaches: where, why, the best there is, and which positions reach it
 
@@ -303,7 +297,11 @@ def mm(length: float) -> str:
     return f"{1e3 * length:.3g} mm"
 
 
-# --- the repeated load sets ----------------------------------------------------------------------------
+# --- A tolerance of each found place, or a time for all: how often the load is set at each position ----
+#
+# The shares of the load sets are averaged, and the place is found from their mean. The first sets tell how much the
+# shares scatter, and that tells how many sets there are in all, as `instrument.allocation.stopping` has it. The error
+# of the table of point loads is the same in all of them.
 
 RESERVE = 1.0  # s, for a set that takes longer than usual
 

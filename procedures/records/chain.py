@@ -1,4 +1,4 @@
-"""An append-only file of frames, each with the hash of the one before it, and a head of fixed size beside it.
+"""An append-only file of frames, each with the hash of the one before it, and its head; and the names of a run's files.
 
 A frame describes itself: magic bytes, the chain it belongs to, its number, kind and id, its length, the hash of the
 frame before, then its content and the SHA-256 over all of that. So whole frames can be found by their magic bytes, and

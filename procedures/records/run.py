@@ -1,4 +1,4 @@
-"""A run on disk, for reading.
+"""A run on disk, for reading, and the list of all runs of a store with its index.
 
 A run is a folder with `run.record` and `run.head` (`record_file.py`); copy both. Reading never changes a run; it works
 while the run is being written, and in a folder that is read-only. `record.py` writes runs.

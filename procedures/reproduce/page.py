@@ -1,4 +1,4 @@
-"""Everything on one HTML page that needs no other file: counts, tables, pictures."""
+"""A reproduction as one HTML page that needs no other file, and as printed tables."""
 
 from __future__ import annotations
 

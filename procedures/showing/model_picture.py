@@ -1,4 +1,4 @@
-"""Computes the picture of a sensor under load: deformed sections, pressure on its face, and force ratios."""
+"""Computes and draws the picture of a sensor under load: deformed sections, pressure on its face, and force ratios."""
 
 from __future__ import annotations
 

@@ -57,7 +57,8 @@ SHARED = (
 
 INDEPENDENT = (
     "Points of the same step are compared in their order, by the u of each, as if the runs shared nothing. What they do"
-    " share, such as a calibration, makes differences smaller, so that fewer are beyond 2 u."
+    " share, such as a calibration, makes differences smaller, so that fewer are beyond 2 u. An error that is common to"
+    " the points of one run puts many of them beyond 2 u together, so judge by the results above."
 )
 
 
@@ -327,7 +328,7 @@ def _points_of(order: int, found: ComparedPoints | None) -> Iterator[str]:
     yield of_things(
         [
             f"Beyond {FAR:g} u are {found.far:,} of {many:,} values of points; by chance alone some"
-            f" {BY_CHANCE * many:,.0f} would be. {alone} have none of the same step beside them. {INDEPENDENT}"
+            f" {BY_CHANCE * many:,.0f} would be. {alone} have no value of the same step beside them. {INDEPENDENT}"
         ]
     )
 

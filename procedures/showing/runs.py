@@ -153,7 +153,9 @@ def print_check(found: DamageReport) -> None:
     table.add_row(found.status, str(found.points), str(found.waveforms), "DAMAGED" if found.faults else "whole")
     lines = [f"damaged: {fault}" for fault in found.faults]
     lines += [f"unfinished: {found.unfinished}"] if found.unfinished else []
-    if found.faults:
+    if found.faults and not found.points:
+        lines.append("no point of it is whole; restore it from a copy")
+    elif found.faults:
         lines.append(f"salvage it with: palpate runs repair {found.folder} --out DIR")
     elif found.status != "complete":
         lines.append(f"not complete; go on with: palpate runs resume {found.folder}")

@@ -16,7 +16,6 @@ from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.drivers.devices.exciter import Exciter
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
@@ -188,7 +187,6 @@ LARGEST_HUM = 0.01  # part of the hum that may be in an amplitude before the poi
 LARGEST_DISTORTION = 0.01  # harmonics over the drive before an event tells of them [A]
 MOST_OF = 0.7  # part of an amplitude's uncertainty that is hum's: half of its variance
 
-Floats = npt.NDArray[np.float64]
 DwellChoice = Callable[[SineFit], RequiredDwell]
 
 

@@ -14,6 +14,7 @@ import numpy as np
 import numpy.typing as npt
 
 from palpate.drivers.roles import SamplesInPieces, SensorNode
+from palpate.instrument.arrays import Floats
 from palpate.instrument.bench.kinds import frequency_step
 from palpate.instrument.contracts.own import CHANNELS, HEADROOM, LONGEST_WHOLE, place
 from palpate.instrument.errors import ConfigError, DeviceError, EstimateError, RangeError
@@ -40,8 +41,6 @@ FINEST_CHANGE = 1e-4  # of the amplitude; a smaller change counts as settled [A]
 FINER_CHANGE = 1e-6  # the same where longer records are compared
 CHARGE_AMPLIFIER = 1.0  # s, time constant with which offsets decay [A]
 LOAD = "load"  # name of the waveform of the load indicator's output; no film can have it
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True, eq=False)

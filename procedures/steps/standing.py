@@ -12,14 +12,12 @@ from dataclasses import dataclass
 from functools import partial
 
 import numpy as np
-import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.uncertainty.interpolation import interpolate
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.flags import CLIPPED, FAULT, NOT_FINITE
 from palpate.procedures.steps.policy import carry_out
-
-Floats = npt.NDArray[np.float64]
 
 RECORDS = 8  # before the change
 APART = 4.0  # s, from one record to the next

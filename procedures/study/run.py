@@ -26,6 +26,7 @@ from zipfile import BadZipFile
 import numpy as np
 import numpy.typing as npt
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import BenchError, PalpateError, RecordError, UsageError
 from palpate.instrument.findings.film_forces import mean_ratio
 from palpate.instrument.own_process import Ends
@@ -46,7 +47,6 @@ from palpate.procedures.study.description import Study, Value
 # and its standard uncertainty; NaN: no mean
 
 Column = npt.NDArray[Any]
-Floats = npt.NDArray[np.float64]
 Rows = Sequence[Mapping[str, Any]]  # the load sets of a cell by the names of their values; `flags` is a list of names
 
 RAISED, VALID, POINT = "flags", "valid", "point."
@@ -223,7 +223,7 @@ def flags_of(bits: int) -> list[str]:
 #
 #     kind  id          content
 #     STUD  0           what was asked, JSON; the first frame
-#     CELL  first cell  columns of successive cells (`block.py`)
+#     CELL  first cell  columns of successive cells (`CellBlock`)
 
 RECORD, HEAD_FILE = "study.record", "study.head"
 STUDY, CELL = b"STUD", b"CELL"

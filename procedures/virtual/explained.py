@@ -1,4 +1,4 @@
-"""Explains what a scene simulates and how, and how much the omitted effects could change."""
+"""Shows a scene: its parameters, what it simulates and omits, what its effects are worth, and its waveforms."""
 
 from __future__ import annotations
 
@@ -40,12 +40,10 @@ if TYPE_CHECKING:
     from rich.table import Table
 
 
-# --- The names of the effects that a scene can call for ------------------------------------------------
-
-__all__ = ["GROUP", "Question", "effect_names"]
+__all__ = ["GROUP", "Question", "effect_names"]  # also for commands and templates
 
 
-# --- Shows all parameters of one, and checks whether it can be simulated -------------
+# --- All parameters of a scene, and whether it can be simulated ----------------------------------------
 
 SHOWN = 12  # digits
 

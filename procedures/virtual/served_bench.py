@@ -1,4 +1,4 @@
-"""Serves a simulated bench to other programs until it is told to end."""
+"""Serves a simulated bench to other programs until it is told to end, with a console for work by hand and faults."""
 
 from __future__ import annotations
 

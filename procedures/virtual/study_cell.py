@@ -1,4 +1,4 @@
-"""Computes cells of a study: one by one in closed form or on a simulated bench, or those of one scene as arrays."""
+"""Computes cells of a study, one by one or those of one scene as arrays, and has the executors that do it."""
 
 from __future__ import annotations
 

@@ -24,7 +24,7 @@ class SimulatedPlace:
 
     Attributes:
         clock: the bench's clock.
-        rig: the physical state of the scene, a `Rig`; untyped, because `simulators/rig` may import the wire.
+        rig: the physical state of the scene, a `Rig`; untyped, because `simulators/rig.py` may import the wire.
         unit: Modbus unit id, or CANopen node id.
         serial: serial number: text on Modbus, an integer on CANopen.
         settings: settings of its device kind, from the bench file.

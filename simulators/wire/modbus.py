@@ -42,14 +42,6 @@ if TYPE_CHECKING:
     from palpate.simulators.physics.effect import LineEffect
 
 
-# --- servers -------------------------------------------------------------------------------------------
-
-# pymodbus' own servers need asyncio, whose loop runs in no client's wait. They also answer only the first of several
-# pipelined requests, name no function code in the answer to a request that they cannot decode, answer for an absent
-# unit with code 4, echo the content of a register instead of the written value, and keep one identity for all servers
-# of a process.
-
-
 # -------------------------------------------------------------------------------------------------------
 # Answers to Modbus requests that pymodbus would answer otherwise than the Modbus specification says
 
@@ -225,6 +217,11 @@ def thin_answer(registers: Registers, request: bytes) -> bytes:
 
 
 # --- the servers ---------------------------------------------------------------------------------------
+#
+# pymodbus' own servers need asyncio, whose loop runs in no client's wait. They also answer only the first of several
+# pipelined requests, name no function code in the answer to a request that they cannot decode, answer for an absent
+# unit with code 4, echo the content of a register instead of the written value, and keep one identity for all servers
+# of a process.
 
 logging.getLogger("pymodbus").addHandler(logging.NullHandler())  # keeps a client's bad frames out of our stderr
 

@@ -9,12 +9,12 @@ from functools import cached_property, partial
 from typing import Annotated
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.stopping import answer, enough, first_sets
 from palpate.instrument.allocation.table import FIRST, MOST_SETS, ROUNDING, Allocation, RunOption, allocation
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import RangeError
@@ -94,12 +94,6 @@ from palpate.procedures.steps.checks import (
 from palpate.procedures.steps.film_point import FilmPoint
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER, SAMPLES_PER_CYCLE, check_nodes
 
-# --- A tolerance of each film's force sensitivity, or a time: how often the loads are set on the way up
-#
-# The sensitivity is the slope of the line through all load sets. The first sets tell how much they scatter about it,
-# and that tells how many rounds of the loads there are in all, as `instrument.allocation.stopping` has it. The error
-# of the load cell is common to all of them.
-
 # -------------------------------------------------------------------------------------------------------
 # What a characterisation is expected to give: the uncertainty of each figure of merit, by its budget's
 # components
@@ -109,8 +103,6 @@ from palpate.procedures.steps.films import CHARGE_AMPLIFIER, SAMPLES_PER_CYCLE, 
 # to be what scatter and noise make of them.
 
 ROUNDED = 0.12  # relative scatter of a record's noise that is all rounding: an offset passes steps, or stands still [M]
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)
@@ -229,7 +221,11 @@ def _sources(of: Conditions, film: Film, rounds: int, times: Sequence[float], fo
     )
 
 
-# --- the repeated rounds -------------------------------------------------------------------------------
+# --- A tolerance of each film's force sensitivity, or a time: how often the loads are set on the way up
+#
+# The sensitivity is the slope of the line through all load sets. The first sets tell how much they scatter about it,
+# and that tells how many rounds of the loads there are in all, as `instrument.allocation.stopping` has it. The error
+# of the load cell is common to all of them.
 
 READING = "reading of the loads"
 LOAD_CELL = "load cell"

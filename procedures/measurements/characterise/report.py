@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.own import RANGE_VOLTS
@@ -247,8 +246,6 @@ def noise_component(scatter: float, records: int, samples: int) -> Component:
 
 SEEN = 2.0  # standard uncertainties of the noise; a larger force counts as seen
 LEAST_DRIFT_POINTS = 3
-
-Floats = npt.NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

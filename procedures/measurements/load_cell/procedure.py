@@ -11,11 +11,11 @@ from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
 
 import numpy as np
-import numpy.typing as npt
 
 from palpate.drivers.roles import LoadIndicator, Positioner, why_invalid
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, RunOption, Table, allocation
+from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.load_cell import (
     CURVE,
     ISO_376,
@@ -83,13 +83,6 @@ if TYPE_CHECKING:
     from palpate.drivers.bench import Bench
 
 
-# --- A tolerance of a load cell's sensitivity: with which of the weights, and how often, they are put on and taken off
-#
-# A run takes each of its loads up and down. More runs lower what noise leaves; what the display's steps leave depends
-# on the loads alone, since a load is rounded alike in every run. So each number of loads is planned by itself, and
-# the quickest plan is taken. The first run tells how much the display scatters, and that fixes how many runs there
-# are.
-
 # --- What a calibration of the load cell is expected to give: the uncertainty of its sensitivity -------
 #
 # It is that of the line through the mean readings, which the fit itself gives for readings without an error of their
@@ -116,9 +109,13 @@ def expected_sensitivity(
     return [Expected(SENSITIVITY, math.hypot(u, loads_u))]
 
 
-# --- the repeated runs ---------------------------------------------------------------------------------
+# --- A tolerance of a load cell's sensitivity: with which of the weights, and how often, they are put on and taken off
+#
+# A run takes each of its loads up and down. More runs lower what noise leaves; what the display's steps leave depends
+# on the loads alone, since a load is rounded alike in every run. So each number of loads is planned by itself, and
+# the quickest plan is taken. The first run tells how much the display scatters, and that fixes how many runs there
+# are.
 
-Floats = npt.NDArray[np.float64]
 
 READINGS, RESOLUTION, DEVIATION = "scatter of readings", "resolution", "deviation from the curve"
 FEWEST_LOADS = 5  # of a curve of degree 1: three degrees of freedom tell whether readings are off it
