@@ -30,6 +30,7 @@ LARGEST_SHARE = 0.2  # half-width above which an interval is told as a factor
 SHARE = "give a share such as '5 %' or 0.05"
 _PREFIXES = {-12: "p", -9: "n", -6: "µ", -3: "m", 0: "", 3: "k", 6: "M", 9: "G"}
 _UNPREFIXED = ("", "%", "1", "mV", "dB")  # before these no prefix can stand, such as before 1/K and mV/N
+MOST_DECIMALS, LONGEST_NUMBER = 8, 1e9  # of a number without a prefix; beyond these it is told by a power of ten
 _FACTORS = {prefix: float(f"1e{exponent}") for exponent, prefix in _PREFIXES.items()}
 
 
@@ -185,12 +186,14 @@ def show_with_u(value: float, u: float, unit: str) -> tuple[str, str]:
     `show_with_u(1.7768e-3, 1.4e-4, "V/N")` is ("1.78 mV/N", "0.14 mV/N").
     """
     exponent = _exponent(max(abs(value), abs(u)), unit)
-    if exponent is None or u == 0 or not math.isfinite(u):
+    if u == 0 or not math.isfinite(u):
         return show(value, unit), show(u, unit, 2)
-    scale = 10.0**exponent
+    scale, prefix = (1.0, "") if exponent is None else (10.0**exponent, _PREFIXES[exponent])
     _, digit = f"{u / scale:.1e}".split("e")
     decimals = max(1 - int(digit), 0)
-    texts = [f"{each / scale:z.{decimals}f} {_PREFIXES[exponent]}{unit}" for each in (value, u)]
+    if exponent is None and not (decimals <= MOST_DECIMALS and abs(value) < LONGEST_NUMBER):
+        return show(value, unit), show(u, unit, 2)
+    texts = [f"{each / scale:z.{decimals}f} {prefix}{unit}".rstrip() for each in (value, u)]
     return texts[0], texts[1]
 
 

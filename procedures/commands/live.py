@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 import click
@@ -42,6 +43,9 @@ def live(run: str, limits: Path | None, port: int | None, as_json: bool, quiet: 
     output = Output(as_json, quiet)
     asked = None if limits is None else read_limits(limits)
     folder, feed, clock = find_run(run, store()), Feed(stored=True), WallClock()
+    with suppress(RecordError):  # a damaged run is shown all the same
+        if asked is not None and (ended := Run.open(folder)).status == "complete":
+            judge(ended, asked)  # limits that it does not have are refused before there is a page
     with serving(feed, port or 0) as address:
         if as_json:
             output.json({"run": str(folder), "page": address})

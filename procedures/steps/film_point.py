@@ -174,8 +174,8 @@ def doubt(columns: Mapping[str, float | None], load: float, load_u: float) -> st
     if not loads_differ(newtons, u, load, load_u):
         return ""
     return (
-        f"the waveform of the load gives {newtons:.3g} N, and the load indicator {load:.3g} N; check load_channel, and "
-        "that the indicator's output gives the mV that its display shows"
+        f"the waveform of the load gives {newtons:.3g} N, and the load indicator {load:.3g} N; check load_channel, "
+        "that the indicator's output gives the mV that its display shows, and the zero of the load cell's calibration"
     )
 
 

@@ -60,9 +60,18 @@ def parameters(scene: str) -> dict[str, Any]:
 
 def run_briefly(scene: str) -> SceneHead:
     """Simulate a scene for a moment; a row for JSON about it. Raises PalpateError: it cannot be simulated."""
-    chosen = read_scene(scene)
+    chosen = _checked(scene)
     waveforms(chosen, Question(), periods=1)
     return head_of(chosen)
+
+
+def _checked(scene: str) -> Scene:
+    """A scene whose bench has what it asks to read or to sample. Raises ConfigError, UnknownName: it is wrong."""
+    from palpate.simulators.bench import SimulatedBench
+
+    chosen = read_scene(scene)
+    SimulatedBench(chosen).check_beside()
+    return chosen
 
 
 def print_scene(scene: dict[str, Any]) -> None:
@@ -371,7 +380,7 @@ def plot(scene: str, question: Question, periods: int, out: Path | None) -> dict
         UsageError, RecordError: the file cannot be written.
         ConfigError, UnknownName: the scene is wrong.
     """
-    chosen = read_scene(scene)
+    chosen = _checked(scene)
     file = picture_file("".join(c if c.isalnum() or c in "-_" else "-" for c in chosen.name), out, store())
     load, frequency = show(question.load, "N"), show(question.frequency, "Hz")
     title = f"scene {chosen.name}: sample {question.sample}, {load} peak to peak at {frequency}"

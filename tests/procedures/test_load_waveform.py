@@ -211,8 +211,10 @@ def test_nodes_of_makers_sample_it_too(kind: str, tmp_path: Path) -> None:
 def test_a_channel_that_cannot_be_is_refused_before_anything_is_sent(
     palpate: Palpate, tmp_path: Path, wrong: str, told: str
 ) -> None:
-    asked = ("sweep", "loads", "--scene", written(tmp_path / "wrong", TEXT.replace(WIRED, wrong)), "--out", "run")
-    for said in (palpate(*asked), palpate(*asked, "--dry-run")):
+    scene = written(tmp_path / "wrong", TEXT.replace(WIRED, wrong))
+    asked = ("sweep", "loads", "--scene", scene, "--out", "run")
+    for words in (asked, (*asked, "--dry-run"), ("scene", "check", scene), ("scene", "plot", scene)):
+        said = palpate(*words)
         assert (said.status, told in said.complaint) == (2, True), said.err
     assert not Path("run").exists()
 

@@ -368,9 +368,10 @@ def test_points_without_a_result_are_not_compared(palpate: Palpate) -> None:
     assert any("none of both are of one step" in text for text in read(report["report"]).texts)
 
 
-def test_a_run_compared_with_itself_differs_in_nothing(palpate: Palpate) -> None:
+def test_a_run_compared_with_a_copy_differs_in_nothing(palpate: Palpate) -> None:
     palpate(*SWEEP, "--out", "run")
-    (found,) = palpate("runs", "report", "run", "run", "--json").object["differences"]
+    shutil.copytree("run", "copy")
+    (found,) = palpate("runs", "report", "run", "copy", "--json").object["differences"]
     assert [(each["difference"], each["told_apart"]) for each in found] == [(0.0, False)] * 2
 
 
@@ -405,6 +406,7 @@ def test_bad_input_is_one_error_with_its_remedy_and_leaves_no_file(palpate: Palp
     for words, told in (
         (("nowhere",), "nowhere"),
         (("run", "cell"), "'sweep-loads'"),
+        (("run", "cell/../run"), "run and cell/../run are one run; name each run once"),
         (("run", "--out", "there.html"), "there.html exists and is not overwritten; choose another --out"),
         (("run", "--out", "link.html"), "link.html exists and is not overwritten"),
         (("run", "--out", "page.pdf"), "page.pdf does not end in .html; choose another --out"),
