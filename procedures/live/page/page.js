@@ -37,7 +37,7 @@ const state = {};
 function restart() { // forget the run before
   Object.assign(state, { points: [], latest: [], every: 1, last: 0, invalid: 0, planned: null, incidents: [], count: 0,
     devices: {}, columns: [], promise: null, step: null, summary: null, status: "waiting for the run", scene: null,
-    chosen: false, bench: null });
+    chosen: false, fresh: false, bench: null });
   $("verdict").hidden = $("beside").hidden = $("devices").hidden = true;
   fill($("incidents").querySelector("tbody"), []);
 }
