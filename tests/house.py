@@ -164,7 +164,8 @@ def sizes() -> Iterator[tuple[str, str]]:
     for name, paths in (("product", _product()), ("tests", tests)):
         statements, lines, files = _size(paths)
         yield name, f"{statements} statements, {lines} lines in {files} files"
-    procedures = [each for each in MEASUREMENTS.iterdir() if each.stem not in SHARED]
+    own = (each for each in MEASUREMENTS.iterdir() if each.stem not in SHARED)
+    procedures = [each for each in own if each.is_file() or any(each.glob("*.py"))]
     lines = sum(_size(each.rglob("*.py") if each.is_dir() else [each])[1] for each in procedures)
     yield "a procedure", f"{lines / len(procedures):.0f} lines, the mean of {len(procedures)}"
     yield "caches of modules in measurements", str(_caches(MEASUREMENTS.rglob("*.py")))
