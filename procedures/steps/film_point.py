@@ -133,9 +133,9 @@ def load_columns(
 ) -> dict[str, float | None]:
     """What the waveform of the load tells of a point, by the names of its columns.
 
-    `load_waveform_N` is the load, peak to peak, and `phase_FILM_deg` tells how far a film is before it;
-    `load_waveform_u` and `phase_FILM_u` are their standard uncertainties. All are None where the waveform is clipped or
-    no sine.
+    `load_waveform_N` is the load, peak to peak [N], and `phase_FILM_deg` is how far a film leads it [degrees];
+    `load_waveform_u` [N] and `phase_FILM_u` [degrees] are their standard uncertainties. All are None where the waveform
+    is clipped, or no sine can be fitted to it.
 
     Args:
         load: the samples of the load indicator's output.
