@@ -45,9 +45,8 @@ def _lines(series: Series) -> list[str]:
     share = f"{100 * series.drift.value / abs(series.mean):+.2g} % a month, " if series.mean else ""
     unit = f" {series.conditions['unit']}".rstrip()
     if series.too_short:
-        span, width = duration(series.span.total_seconds()), f"{series.drift.expanded():.2g}{unit}"
-        drift = f"drift          too short a span, {span}: within ± {width} a month (95 %)"
-        return [drift, "recalibrate    not known, for the same reason"]
+        span = duration(series.span.total_seconds())
+        return [f"drift          not known: too short a span, {span}", "recalibrate    not known, for the same reason"]
     used = f"{series.tolerance:.2g}{unit} used up"
     due = "no drift is shown" if low <= 0 <= high else f"{series.due or 'not within a century'}, with {used}"
     return [
