@@ -199,8 +199,8 @@ def _user() -> str:
 def _holder(file: int) -> str:
     """The holder of a lock, from the lock's file, without control characters because anybody may have written it."""
     try:
-        said = json.loads(os.pread(file, 4096, 0))
-        pid, user, command, since = (_plain(said[name]) for name in ("pid", "user", "command", "since"))
+        content = json.loads(os.pread(file, 4096, 0))
+        pid, user, command, since = (_plain(content[name]) for name in ("pid", "user", "command", "since"))
     except (ValueError, KeyError, TypeError, RecursionError):
         return "another program"
     return f"process {pid} of {user} ({command}) since {since}"

@@ -284,11 +284,11 @@ def _asked(link: ReadOnlyCan, at: CanBus, node: int, kinds: Sequence[DeviceKind]
 
     with suppress(DeviceError):  # a node that aborts answers
         link.upload(f"node {node}", asked, DEVICE_TYPE, 0)
-    said = _said(read)
+    answers = _said(read)
     simulated = read(HARDWARE) == b"simulated"
     own = [kind for kind in kinds if kind.contract.bus == "canopen"]
     fit = fitting(own, lambda kind: CanopenNode(link, node, WallClock(), kind.contract))
-    return FoundDevice("canopen", at, node, said, fit.serial, fit.fits, fit.candidates, fit.doubt, simulated)
+    return FoundDevice("canopen", at, node, answers, fit.serial, fit.fits, fit.candidates, fit.doubt, simulated)
 
 
 def _said(read: Callable[..., bytes]) -> str:
@@ -426,11 +426,11 @@ class ModbusSearch:
         return "modbus-tcp" if isinstance(self.at, TcpLink) else "modbus-rtu"
 
     def _possible(self, kind: DeviceKind, unit: int, *, identified: bool) -> bool:
-        known = identified or kind.contract.known_by != "identity"
+        identifiable = identified or kind.contract.known_by != "identity"
         return (
             kind.contract.bus == "modbus"
             and self._link_kind in kind.links
-            and known
+            and identifiable
             and can_be_asked(kind, isinstance(self.at, TcpLink), unit)
         )
 

@@ -54,13 +54,13 @@ def arithmetic() -> dict[str, str]:
 
     loaded = threadpool_info()
     blas = next((each for each in loaded if "numpy" in each["filepath"]), loaded[0] if loaded else {})
-    known = (blas.get(key) for key in ("internal_api", "version", "architecture"))
+    parts = (blas.get(key) for key in ("internal_api", "version", "architecture"))
     config: Any = np.show_config(mode="dicts")
     vectors = config.get("SIMD Extensions", {})
     return {
         "machine": platform.machine(),
         "processor": _processor(),
-        "blas": f"{' '.join(str(each) for each in known if each)}, {blas.get('num_threads', 0)} threads",
+        "blas": f"{' '.join(str(each) for each in parts if each)}, {blas.get('num_threads', 0)} threads",
         "vectors": " ".join([*vectors.get("baseline", []), *vectors.get("found", [])]),
         "libm": " ".join(platform.libc_ver()),
     }

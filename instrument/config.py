@@ -104,18 +104,18 @@ def read_hashed(path: Path, model: type[H], *, edited: bool = False) -> H:
             wrote it.
     """
     data = read_data(path)
-    told = data.pop("sha256", None)
+    digest = data.pop("sha256", None)
     try:
         found = check(data, model, str(path))
     except ConfigError as error:
-        if told is None or told != _sha256(data):
+        if digest is None or digest != _sha256(data):
             raise
         raise ConfigError(
             f"{path}: is as another version of palpate wrote it, with other keys; remove it, and measure anew what it"
             f" holds\n{error}"
         ) from None
-    if not edited and told != found.sha256():
-        how = "is gone" if told is None else f"= {str(told)[:12]}… belongs to other values"
+    if not edited and digest != found.sha256():
+        how = "is gone" if digest is None else f"= {str(digest)[:12]}… belongs to other values"
         raise ConfigError(
             f"{path}: was changed after it was written: its sha256 {how}; "
             f"restore it from the folder of its run or, if the change is intended, accept it: {ACCEPT} {path}"

@@ -207,8 +207,8 @@ def plus_minus(half: float, digits: int = 2, factor: float | None = None) -> str
     """
     if half <= LARGEST_SHARE * (1 + 1e-9):
         return f"± {100 * half:.{digits}g} %"
-    told = math.exp(min(half, 100.0)) if factor is None else factor
-    return f"× {told:.{digits if told < 99.5 else 3}g}"
+    shown = math.exp(min(half, 100.0)) if factor is None else factor
+    return f"× {shown:.{digits if shown < 99.5 else 3}g}"
 
 
 def rounded_up(share: float) -> float:
@@ -219,8 +219,8 @@ def rounded_up(share: float) -> float:
 
 def as_asked(tolerance: float, digits: int = 2) -> str:
     """Text of a tolerance as it is typed, above ± 20 % with what `plus_minus` makes of it: "± 50 % (× 1.6)"."""
-    typed, told = f"± {100 * tolerance:.{digits}g} %", plus_minus(tolerance)
-    return f"{typed} ({told})" if told.startswith("×") else typed
+    typed, shown = f"± {100 * tolerance:.{digits}g} %", plus_minus(tolerance)
+    return f"{typed} ({shown})" if shown.startswith("×") else typed
 
 
 def _exponent(value: float, unit: str) -> int | None:

@@ -64,11 +64,11 @@ def refusal_text(error: Mapping[str, Any], model: type[BaseModel], beside: Itera
         case "value_error":
             message = str(error["msg"]).removeprefix("Value error, ")
             return f"{key}: {message}" if key else message
-    value, said = quoted(error["input"]), wrong(error, _field_at(model, path))
+    value, problem = quoted(error["input"]), wrong(error, _field_at(model, path))
     if described := _described(model, path):
-        said = f"{said.partition(';')[0]}; give" if error["type"] in OF_TYPE else f"{said}:"
-        said = f"{said} {described}"
-    return f"{key}: {value} {said}"
+        problem = f"{problem.partition(';')[0]}; give" if error["type"] in OF_TYPE else f"{problem}:"
+        problem = f"{problem} {described}"
+    return f"{key}: {value} {problem}"
 
 
 def wrong(error: Mapping[str, Any], field: FieldInfo | None = None) -> str:

@@ -158,8 +158,8 @@ class PlannedStep:
 
     def summary(self) -> dict[str, Any]:
         """The step for JSON."""
-        told = {name: getattr(self, name) for name in ("name", "due", "why", "seconds", "u", "person")}
-        return {**told, "procedure": self.procedure.name}
+        values = {name: getattr(self, name) for name in ("name", "due", "why", "seconds", "u", "person")}
+        return {**values, "procedure": self.procedure.name}
 
 
 class Campaign:
@@ -207,14 +207,14 @@ class Campaign:
             raise ConfigError(f'{where}: drift and of belong together, as drift = 0.01 and of = "sensitivity_mV_per_N"')
         try:
             kind = procedure_class(step.procedure)
-            known = {each.option.removeprefix("--").replace("-", "_"): each for each in asked_of(kind)}
-            if unknown := sorted(step.settings.keys() - known.keys()):
-                raise UnknownName(f"setting of {step.procedure}", unknown[0], known)
+            options = {each.option.removeprefix("--").replace("-", "_"): each for each in asked_of(kind)}
+            if unknown := sorted(step.settings.keys() - options.keys()):
+                raise UnknownName(f"setting of {step.procedure}", unknown[0], options)
             values = {
-                known[key].name: known[key].value(_as_typed(given, known[key].setting.repeated))
+                options[key].name: options[key].value(_as_typed(given, options[key].setting.repeated))
                 for key, given in step.settings.items()
             }
-            if lacking := [key for key, each in known.items() if each.required and each.name not in values]:
+            if lacking := [key for key, each in options.items() if each.required and each.name not in values]:
                 raise ConfigError(f"settings: {lacking[0]} is missing, which {step.procedure} needs; give it")
             return made(kind, values)
         except PalpateError as error:
@@ -434,10 +434,10 @@ def _decided(step: CampaignStep, of_it: Sequence[Run], runs: Sequence[Run], now:
         values = [_number(run, step.of) for run in of_it[:2]]
         if len(values) == 2:
             change = abs(values[0] / values[1] - 1) if values[1] else float("inf")
-            told = f"{step.of} changed by {100 * change:.2g} % between the last two"
+            reason = f"{step.of} changed by {100 * change:.2g} % between the last two"
             if change > step.drift:
-                return True, told
-            kept.append(told)
+                return True, reason
+            kept.append(reason)
     return False, "; ".join(kept) or "one is stored"
 
 

@@ -95,7 +95,7 @@ def _messages(packets: Iterator[Packet]) -> Iterator[ShownMessage]:
 
 def _line(packet: Packet, talk: Conversation) -> ShownMessage:
     if packet.link is Link.CAN:
-        return _frame(frame_of(packet), talk.contract or NODE, talk.known)
+        return _frame(frame_of(packet), talk.contract or NODE, talk.values)
     return _modbus(packet, talk)
 
 
@@ -138,12 +138,12 @@ def _maps(packet: Packet) -> dict[str, Contract]:
 # --- CANopen -------------------------------------------------------------------------------------------
 
 
-def _frame(frame: CanFrame, contract: Contract = NODE, known: dict[str, float] | None = None) -> ShownMessage:
+def _frame(frame: CanFrame, contract: Contract = NODE, values: dict[str, float] | None = None) -> ShownMessage:
     if frame.kind != "data" or frame.extended:
         return ShownMessage(frame.time, "bus", _no_message(frame), frame.data.hex(" "), frame.channel)
     node, kind = frame.identifier & NODE_BITS, frame.identifier & ~NODE_BITS
     who = f"node {node}" if node else "all nodes"
-    text = _message(contract, frame.identifier, node, kind, frame.data, {} if known is None else known)
+    text = _message(contract, frame.identifier, node, kind, frame.data, {} if values is None else values)
     return ShownMessage(frame.time, who, text, frame.data.hex(" "), frame.channel)
 
 
@@ -158,12 +158,12 @@ def _no_message(frame: CanFrame) -> str:
     return f"{bits}{name} 0x{frame.identifier:X}" + (f": {frame.data.hex(' ')}" if frame.data else "")
 
 
-def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes, known: dict[str, float]) -> str:
+def _message(contract: Contract, identifier: int, node: int, kind: int, data: bytes, values: dict[str, float]) -> str:
     pdo = next((pdo for pdo in (*contract.pdos, *contract.receives) if pdo.node_of(identifier)), None)
     if pdo is not None:
         parts = contract.parts(pdo, data)
-        take(contract, parts, known)
-        return ", ".join(contract.shown(name, part, known) for name, part in parts.items())
+        take(contract, parts, values)
+        return ", ".join(contract.shown(name, part, values) for name, part in parts.items())
     if identifier == NMT and len(data) >= 2:
         return f"NMT {COMMANDS.get(data[0], f'command {data[0]}')}, node {data[1] or 'all'}"
     if identifier == SYNC:
@@ -173,19 +173,19 @@ def _message(contract: Contract, identifier: int, node: int, kind: int, data: by
     if kind == HEARTBEAT and data:
         return f"heartbeat, {STATES.get(data[0] & NODE_BITS, f'state {data[0]}')}"
     if kind in (SDO_REQUEST, SDO_ANSWER) and len(data) == 8:
-        return _sdo(contract, data, known, asked=kind == SDO_REQUEST)
+        return _sdo(contract, data, values, asked=kind == SDO_REQUEST)
     return f"0x{identifier:03X}" + (f": {data.hex(' ')}" if data else "")
 
 
-def _sdo(contract: Contract, data: bytes, known: dict[str, float], *, asked: bool) -> str:
+def _sdo(contract: Contract, data: bytes, values: dict[str, float], *, asked: bool) -> str:
     command, index, subindex = struct.unpack_from("<BHB", data)
     field = next((f for f in contract.fields if f.address == sdo(index, subindex)), None)
     name = field.name if field else f"0x{index:04X}:{subindex}"
     content = data[4 : 8 - (command >> 2 & 3)] if command & EXPEDITED else b""
     if field and content:
-        take(contract, {name: content}, known)
+        take(contract, {name: content}, values)
     if field and content:
-        shown = contract.shown(field.name, content, known)
+        shown = contract.shown(field.name, content, values)
     else:
         shown = f"{name} = {content.hex(' ')}" if content else name
     match command >> 5, asked:
@@ -216,11 +216,11 @@ class Conversation:
 
     Attributes:
         contract: its contract; None: it is not known.
-        known: the numbers that its fields last had; a scale or a sign may be among them.
+        values: the numbers that its fields last had; a scale or a sign may be among them.
     """
 
     contract: Contract | None
-    known: dict[str, float] = field(default_factory=dict)
+    values: dict[str, float] = field(default_factory=dict)
     _asked: tuple[int, int, int] = (0, 0, 0)  # function, address and count of the last request
 
     def pdu(self, pdu: bytes, *, sent: bool) -> str:
@@ -258,11 +258,11 @@ class Conversation:
         if self.contract is None or not among:
             return f"0x{address:04x}: {data.hex(' ')}"
         found = {f.name: data[width * (f.address - address) :][: f.size] for f in among}
-        take(self.contract, found, self.known)
-        return ", ".join(self.contract.shown(name, content, self.known) for name, content in found.items())
+        take(self.contract, found, self.values)
+        return ", ".join(self.contract.shown(name, content, self.values) for name, content in found.items())
 
 
-def take(contract: Contract, contents: dict[str, bytes], known: dict[str, float]) -> None:
+def take(contract: Contract, contents: dict[str, bytes], values: dict[str, float]) -> None:
     """Keep the numbers of fields, by which those of others may be scaled."""
     for name, content in contents.items():
         f = contract[name]
@@ -270,7 +270,7 @@ def take(contract: Contract, contents: dict[str, bytes], known: dict[str, float]
             with suppress(ValueError):
                 value = contract.decode(name, content)
                 if math.isfinite(value):
-                    known[name] = value
+                    values[name] = value
 
 
 def _bits(data: bytes, count: int) -> bytes:

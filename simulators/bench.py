@@ -114,8 +114,8 @@ class SimulatedBench:
     def _free_node_id(self, kind: DeviceKind) -> int:
         """The node id at which alone the COB-IDs of a device are known, if there is one; else the next that is free."""
         taken = {node.id for node in self.can.nodes}
-        known: list[int] = [pdo.node for pdo in (*kind.contract.pdos, *kind.contract.receives) if pdo.node]
-        free: int = next(each for each in (*known, *NODES) if each not in taken)
+        fixed: list[int] = [pdo.node for pdo in (*kind.contract.pdos, *kind.contract.receives) if pdo.node]
+        free: int = next(each for each in (*fixed, *NODES) if each not in taken)
         return free
 
     def _add(self, name: str, kind: DeviceKind, settings: Any) -> None:
@@ -205,8 +205,8 @@ class SimulatedBench:
     def check_beside(self) -> None:
         """Raises ConfigError: no device of it has what the scene asks to read beside each point, or to sample."""
         asked = self.scene.file.beside or {}
-        known = {name: kind.contract for name, kind in self._kinds.items()}
-        check_beside({name: check(table, Beside, f"beside.{name}") for name, table in asked.items()}, known)
+        contracts = {name: kind.contract for name, kind in self._kinds.items()}
+        check_beside({name: check(table, Beside, f"beside.{name}") for name, table in asked.items()}, contracts)
         if (channel := self.scene.file.load_channel) is not None:
             filling = ([self._kinds[name] for name in self._filling(role)] for role in (NODE, "load_indicator"))
             check_load_channel(channel, self.scene.design, *filling)

@@ -161,8 +161,8 @@ def offsets(case: Case, effects: Effects, dwell: SimulatedDwell) -> Floats:
     if leak is None or amplifier is None:
         return np.zeros((len(case.design.films), 1))
     edges, conductances = _epochs(leak, int(dwell.times[-1]))
-    known = [held(case, leak).conductance(0.0), *conductances]
-    found = np.array([[amplifier.offset(film, case.design, each) for each in known] for film in case.design.films])
+    levels = [held(case, leak).conductance(0.0), *conductances]
+    found = np.array([[amplifier.offset(film, case.design, each) for each in levels] for film in case.design.films])
     return np.asarray(found[:, 1:][:, np.searchsorted(edges, dwell.times, "right")] - found[:, :1])
 
 
@@ -393,8 +393,8 @@ def _phases(volts: Floats) -> Floats:
 
 def _tried(volts: Floats, noise: float) -> Floats:
     """Samples in the tried phases, from a constant and the part that turns with the phase."""
-    known, asked = np.arange(len(volts)) / len(volts), _phases(volts)
-    weights = 1 + 2 * np.cos(2 * math.pi * (asked[:, np.newaxis] - known))
+    sampled, asked = np.arange(len(volts)) / len(volts), _phases(volts)
+    weights = 1 + 2 * np.cos(2 * math.pi * (asked[:, np.newaxis] - sampled))
     chosen = weights / len(volts) @ volts
     return np.asarray(chosen + noise * _normal("steps", chosen.size).reshape(chosen.shape)) if noise else chosen
 
@@ -572,9 +572,9 @@ NEARER = math.cos(math.pi / LOOKED_AT)  # share of the limit that is looked for,
 
 def bound_of(case: Case, effect: Effect) -> Bound:
     """Greatest change of the results when the effect is left out, for any share of the force that teeth may take."""
-    known, nearer = effect.known_bound(case), effect.nearer(NEARER)
-    if known is not None:
-        return known
+    own, nearer = effect.known_bound(case), effect.nearer(NEARER)
+    if own is not None:
+        return own
     found = []
     for before, after in shares(Effects(case.effects), effect):
         beside = replace(case, effects=before)

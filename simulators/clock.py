@@ -92,15 +92,15 @@ class VirtualClock:
 
         Returns the error to be raised: the same one, or one for people.
         """
-        told: PalpateError
+        failure: PalpateError
         if isinstance(error, PalpateError):
-            told = error
+            failure = error
         else:
             why = f"{type(error).__name__}: {' '.join(str(error).split())}"
-            told = BenchError(f"the scene cannot be simulated: {why}; look for a number in it that no bench has")
-            told.__cause__ = error
-        self.failure = self.failure or told
-        return told
+            failure = BenchError(f"the scene cannot be simulated: {why}; look for a number in it that no bench has")
+            failure.__cause__ = error
+        self.failure = self.failure or failure
+        return failure
 
     def give_up_soon(self) -> None:
         """From a while on, `check` ends what is being computed, because somebody has interrupted the program."""

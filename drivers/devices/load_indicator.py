@@ -362,8 +362,8 @@ class MappedLoadIndicator(EitherBus):
         Raises RangeError: a key is missing, tells what the device tells itself, or is no level of the filter.
         """
         table = self._map.filter
-        told = {"bandwidth": bool(table), "resolution": bool(self._map.step)}
-        if double := [key for key, read in told.items() if read and getattr(settings, key) is not None]:
+        readable = {"bandwidth": bool(table), "resolution": bool(self._map.step)}
+        if double := [key for key, read in readable.items() if read and getattr(settings, key) is not None]:
             raise RangeError(f"{self.name}: the device itself tells its {double[0]}; leave it out of its section")
         if settings.filter is not None and (table is None or str(settings.filter) not in table.levels):
             valid = ", ".join(table.levels) if table else "none, as no field of its map sets one: set it there"
@@ -382,10 +382,10 @@ class MappedLoadIndicator(EitherBus):
         if not role.step:
             assert self._settings_of.resolution is not None  # `_take`
             return self._settings_of.resolution
-        told = self.get(role.step)
-        step = role.steps.get(f"{told:g}", math.nan) if role.steps else told
+        value = self.get(role.step)
+        step = role.steps.get(f"{value:g}", math.nan) if role.steps else value
         if not step > 0:
-            raise DeviceError(f"{self.name}: {role.step} reads {told:g}, which is no step of a display; check the map")
+            raise DeviceError(f"{self.name}: {role.step} reads {value:g}, which is no step of a display; check the map")
         return step
 
     def check_section(self, settings: LoadIndicatorSettings, frequency: float) -> None:
@@ -507,8 +507,8 @@ class MappedLoadIndicator(EitherBus):
     ) -> IndicatorReading:
         """A reading from a value in the device's unit."""
         span = self._settings_of.span
-        told = all(order.proved for order in self._orders.values())
-        doubt = "" if told else self._doubt
+        proved = all(order.proved for order in self._orders.values())
+        doubt = "" if proved else self._doubt
         return IndicatorReading(value * span, self.resolution_mV, unsteady, sick, difference, u_mV, doubt)
 
     def differences(self) -> list[str]:

@@ -188,8 +188,8 @@ def _most(contract: Contract, table: Table) -> int:
 def _holes(contract: Contract, table: Table, start: int, count: int) -> bool:
     """Whether some of the addresses belong to no field."""
     some = (f for f in contract.fields if f.table == table)
-    known = {at for f in some for at in range(f.address, f.address + f.width)}
-    return not known.issuperset(range(start, start + count))
+    addresses = {at for f in some for at in range(f.address, f.address + f.width)}
+    return not addresses.issuperset(range(start, start + count))
 
 
 def _read(contract: Contract, names: tuple[str, ...], *, wider: bool = False, apart: tuple[Read, ...] = ()) -> Read:

@@ -408,8 +408,8 @@ class MappedNode(CanopenDevice):
         """Emergencies, a missing heartbeat, and a status that says that readings are not good."""
         found = super().notices()
         if self.table.status is not None:
-            told = self.contract.choice(self.table.status, self.held(self.table.status))
-            found += [] if told == "ok" else [f"{self.name}: {self.table.status} is {told}"]
+            status = self.contract.choice(self.table.status, self.held(self.table.status))
+            found += [] if status == "ok" else [f"{self.name}: {self.table.status} is {status}"]
         return found
 
     def differences(self) -> list[str]:

@@ -488,9 +488,9 @@ class CanLink:
 
     def add_node(self, node_id: int) -> canopen.RemoteNode:
         """The node of this id; one of several devices may ask for it first."""
-        known = self.network.nodes.get(node_id)
-        if isinstance(known, canopen.RemoteNode):
-            return known
+        existing = self.network.nodes.get(node_id)
+        if isinstance(existing, canopen.RemoteNode):
+            return existing
         node = canopen.RemoteNode(node_id, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
         node.sdo = CheckedSdoClient(node.sdo.rx_cobid, node.sdo.tx_cobid, node.object_dictionary)  # type: ignore[no-untyped-call]
         node.sdo.RESPONSE_TIMEOUT = self._description.timeout

@@ -343,7 +343,7 @@ def _asc(path: Path) -> Iterator[CanFrame]:
 
 def _candump(path: Path) -> Iterator[CanFrame]:
     lines, cut = _lines(path)
-    known = not "".join(lines).strip() and not cut  # an empty log is one
+    is_candump = not "".join(lines).strip() and not cut  # an empty log is one
     for number, line in enumerate(lines, 1):
         if not line.strip():
             continue
@@ -353,13 +353,13 @@ def _candump(path: Path) -> Iterator[CanFrame]:
             # python-can takes only some of the kinds of error frames for such
             message.is_error_frame = bool(int(content.partition("#")[0], 16) & ERROR)
         except ValueError:
-            if not known:
+            if not is_candump:
                 raise NotALog(NO_CANDUMP) from None
             raise ValueError(f"line {number} cannot be read") from None
-        known = True
+        is_candump = True
         message.channel = channel
         yield CanFrame.of(message)
-    if not known:
+    if not is_candump:
         raise NotALog(NO_CANDUMP)
     if cut:
         raise ValueError("it was cut off: its last line has no end")

@@ -247,9 +247,9 @@ class BusReplay:
 
         An optional device with which the log has no traffic was absent, and is left out.
         """
-        known = {packet.who for packet in self._packets}
+        recorded = {packet.who for packet in self._packets}
         for device in bench.devices:
-            if called(bench.named(device)) not in known:
+            if called(bench.named(device)) not in recorded:
                 bench.leave_out(device, LinkError("the log holds no traffic with it"))
         for name, modbus, kind, whom in modbus_links(bench):
             self._answer(name, modbus, kind, whom)

@@ -141,8 +141,8 @@ def half_widths(lines: Sequence[BudgetLine], mountings: Floats, each: Floats, dw
         return math.fsum(line.u**2 for line in lines if line.per is unit)
 
     sets = (variance(RepeatUnit.SET) + variance(RepeatUnit.SECOND) / dwell) / (mountings * each)
-    known = min((line.degrees_of_freedom for line in lines if line.per is RepeatUnit.MOUNTING), default=math.inf)
-    return halves_of(lines, variance(RepeatUnit.MOUNTING) / mountings, known + mountings - 1, sets, of_sets)
+    freedom = min((line.degrees_of_freedom for line in lines if line.per is RepeatUnit.MOUNTING), default=math.inf)
+    return halves_of(lines, variance(RepeatUnit.MOUNTING) / mountings, freedom + mountings - 1, sets, of_sets)
 
 
 def halves_of(

@@ -92,12 +92,12 @@ def early_pairs(family: Family, ratios: Mapping[str, Sequence[float]]) -> frozen
         RangeError: a ratio is not above 0.
     """
     taken: dict[str, Sequence[float]] = {}
-    told: set[Pair] = set()
+    decided: set[Pair] = set()
     for name, sets in ratios.items():
-        told |= _looks(family, taken, name, sets)
+        decided |= _looks(family, taken, name, sets)
         if sets:
             taken[name] = sets
-    return frozenset(told)
+    return frozenset(decided)
 
 
 def is_told(family: Family, ratios: Mapping[str, Sequence[float]], name: str) -> bool:
@@ -114,31 +114,31 @@ def is_told(family: Family, ratios: Mapping[str, Sequence[float]], name: str) ->
 
 def _looks(family: Family, before: Mapping[str, Sequence[float]], name: str, sets: Sequence[float]) -> set[Pair]:
     """Pairs of an object and those measured before it that a look after one of its sets told."""
-    told: set[Pair] = set()
+    decided: set[Pair] = set()
     for number in range(1, min(len(sets), family.most - 1) + 1):
         errors = _errors(family, {**before, name: sets[:number]}, name)
-        told |= {pair for pair, p in errors.items() if p <= family.early}
-        if len(told) == len(before):
+        decided |= {pair for pair, p in errors.items() if p <= family.early}
+        if len(decided) == len(before):
             break
-    return told
+    return decided
 
 
 def order(family: Family, ratios: Mapping[str, Sequence[float]]) -> RatioRanking:
     """The order by all sets of a run. Arguments and errors as `early_pairs`."""
     errors = _errors(family, ratios)
     early = early_pairs(family, ratios)
-    told, worst, stopped = set(early) & errors.keys(), 0.0, False
+    decided, worst, stopped = set(early) & errors.keys(), 0.0, False
     for rank, pair in enumerate(sorted(errors, key=lambda each: errors[each])):
         worst = max(worst, errors[pair] * (family.pairs - rank) / (1 - EARLY))
         stopped = stopped or worst > family.risk
         if not stopped:
-            told.add(pair)
-    left = tuple(pair for pair in errors if pair not in told)
+            decided.add(pair)
+    left = tuple(pair for pair in errors if pair not in decided)
     found = [sets for sets in ratios.values() if sets]
     scatter = pooled(family.prior_u, family.prior_freedom, *found)
     names = sorted((name for name, sets in ratios.items() if sets), key=lambda name: -_mean(ratios[name]))
-    known = (worst if not stopped else family.risk) if told else None
-    return RatioRanking(tuple(names), left, known, scatter.u, scatter.refuted)
+    risk = (worst if not stopped else family.risk) if decided else None
+    return RatioRanking(tuple(names), left, risk, scatter.u, scatter.refuted)
 
 
 def needed(family: Family, lines: Sequence[BudgetLine], dwell: float, gap: float) -> int | None:

@@ -89,8 +89,8 @@ def prepared(table: Table, tolerance: float, preparations: Sequence[Preparation]
     some = np.isin(table.mountings, np.ceil(RUNS_STEP ** np.arange(40))) & (table.each % 2 == 0)
     rows = np.flatnonzero(some & np.array([each is way for each in table.ways])[table.way])
     k, n = table.mountings[rows].astype(np.float64), table.each[rows].astype(np.float64)
-    known = known_freedom(way.lines, way.dwell)
-    of_sets = freedom_of_sets(table.mountings[rows], table.each[rows], known, by_time=False)
+    before = known_freedom(way.lines, way.dwell)
+    of_sets = freedom_of_sets(table.mountings[rows], table.each[rows], before, by_time=False)
     best: Prepared | None = None
     for units in _worth_making(preparations):
         made = {each.name: each.line(number) for each, number in units}

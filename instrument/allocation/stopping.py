@@ -167,8 +167,8 @@ def enough(
     mountings, each = _needed(found.lines, costs, tolerance, plan, first)
     reached = answer(lines, plan, sensitivity, ratios).budget.expanded()
     if reached <= tolerance * (1 + ROUNDING) and len(done) >= plan.mountings:
-        told = f"± {100 * reached:.2g} % reached, ± {100 * tolerance:.2g} % was asked for"
-        return StoppingVerdict(len(done), sum(done), told)
+        outcome = f"± {100 * reached:.2g} % reached, ± {100 * tolerance:.2g} % was asked for"
+        return StoppingVerdict(len(done), sum(done), outcome)
     mountings = max(mountings, len(done) + (done[-1] >= each))
     return StoppingVerdict(mountings, mountings * each, "")
 
@@ -261,10 +261,10 @@ def _learned(
     prior = budget(of_sets, 1, 1, dwell)
     sets = pooled(prior.u / sensitivity, prior.degrees_of_freedom, *batch)
     own = sum(len(each) for each in batch) >= FIRST and math.isfinite(prior.degrees_of_freedom)
-    told = pooled(0.0, 0.0, *batch) if own else sets
-    scattered = _scaled(of_sets, SETS, sensitivity * told.u, prior.u, told.degrees_of_freedom, RepeatUnit.SET)
+    spread = pooled(0.0, 0.0, *batch) if own else sets
+    scattered = _scaled(of_sets, SETS, sensitivity * spread.u, prior.u, spread.degrees_of_freedom, RepeatUnit.SET)
 
-    mounted, refuted = _mounted(of_mountings, sensitivity, told, mountings)
+    mounted, refuted = _mounted(of_mountings, sensitivity, spread, mountings)
     return _Learned([*scattered, *mounted, *rest], sets.refuted, refuted)
 
 
@@ -374,8 +374,8 @@ def run_times(
         means = chance.standard_normal(shape) * np.sqrt(true + of_mean)[:, None]
         squares = np.cumsum(means**2, axis=1) - np.cumsum(means, axis=1) ** 2 / numbers
         pooled = freedom * prior.u**2 + np.maximum(0.0, squares - (numbers - 1) * of_mean[:, None])
-        known = freedom + numbers - 1
-        halves = halves_of(lines, pooled / known / numbers, known, of_mean[:, None] / numbers, first - 1)
+        all_freedom = freedom + numbers - 1
+        halves = halves_of(lines, pooled / all_freedom / numbers, all_freedom, of_mean[:, None] / numbers, first - 1)
         good = (halves <= tolerance * (1 + ROUNDING)) & (numbers >= plan.mountings)
         count = np.where(good.any(axis=1), numbers[good.argmax(axis=1)], numbers[-1]).astype(np.float64)
     sets = count * each

@@ -189,10 +189,10 @@ class Table:
         if not good.size:
             least = int(np.argmin(self.seconds))
             sets = counted(int(self.each[least] * self.mountings[least]), "load set")
-            told = as_typed(seconds, "s") if math.isfinite(seconds) else f"{seconds:g} s"
+            typed = as_typed(seconds, "s") if math.isfinite(seconds) else f"{seconds:g} s"
             raise RangeError(
-                f"the least plan, of {sets}, takes {self.seconds[least]:.4g} s on the bench; {told} is too short, or no"
-                " time: give more"
+                f"the least plan, of {sets}, takes {self.seconds[least]:.4g} s on the bench; {typed} is too short, or"
+                " no time: give more"
             )
         halves = self._preferring(self.half)[good]
         best = good[halves <= halves.min() * (1 + ROUNDING)]

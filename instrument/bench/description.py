@@ -95,7 +95,7 @@ class Beside(Config):
         return (self.low is None or value >= self.low) and (self.high is None or value <= self.high)
 
 
-def check_beside(asked: Mapping[str, Beside], known: Mapping[str, Contract]) -> None:
+def check_beside(asked: Mapping[str, Beside], contracts: Mapping[str, Contract]) -> None:
     """Check what is asked for beside each point against the contracts of a bench's devices, by their names.
 
     Raises ConfigError: a name cannot be one, there is no such device, field or unit, or two would have one column.
@@ -106,9 +106,9 @@ def check_beside(asked: Mapping[str, Beside], known: Mapping[str, Contract]) -> 
         if not KEY.fullmatch(name):
             raise ConfigError(f"{where}: {name!r} is no name; give small letters, digits and _, such as room_2")
         try:
-            if given.device not in known:
-                raise UnknownName("device of this bench", given.device, known)
-            _check_field(given, known[given.device])
+            if given.device not in contracts:
+                raise UnknownName("device of this bench", given.device, contracts)
+            _check_field(given, contracts[given.device])
         except (ConfigError, UnknownName) as error:
             raise ConfigError(f"{where}: {error}") from None
         for column in given.columns(name):
@@ -121,8 +121,10 @@ def _check_field(given: Beside, contract: Contract) -> None:
     if given.field not in readable:
         raise UnknownName(f"field of {given.device} that can be read", given.field, readable)
     if (unit := readable[given.field].unit) != given.unit:
-        told = f"has the unit {unit}" if unit else "has no unit"
-        raise ConfigError(f"unit: {given.field} of {given.device} {told}, not {given.unit!r}; write unit = {unit!r}")
+        declared = f"has the unit {unit}" if unit else "has no unit"
+        raise ConfigError(
+            f"unit: {given.field} of {given.device} {declared}, not {given.unit!r}; write unit = {unit!r}"
+        )
 
 
 # --- patience with a silent device ---------------------------------------------------------------------
@@ -224,8 +226,8 @@ class Listed:
     def section(self) -> dict[str, Any]:
         """The keys of its section, without the settings of its kind."""
         place = {"link": self.link, "node" if self.kind.contract.bus == "canopen" else "unit": self.unit}
-        said = {key: getattr(self, key) for key in ("role", "optional", "inventory", "confirmed", "set_to_link")}
-        return {**self.kind.key, **place, **{key: value for key, value in said.items() if value}}
+        settings = {key: getattr(self, key) for key in ("role", "optional", "inventory", "confirmed", "set_to_link")}
+        return {**self.kind.key, **place, **{key: value for key, value in settings.items() if value}}
 
 
 def filling(role: Role, devices: Sequence[Listed]) -> list[Listed]:
@@ -364,14 +366,14 @@ def check_places(links: Mapping[str, Link], devices: Sequence[Listed]) -> None:
 
 def _check_factory(link: str, devices: Sequence[Listed]) -> None:
     """Raises ConfigError: two devices on a link leave the factory with settings that one link cannot have."""
-    known: dict[str, tuple[str, object]] = {}
+    first: dict[str, tuple[str, object]] = {}
     for each in devices:
         line = None if each.kind.map is None or each.set_to_link else each.kind.map.line
         for key in OF_LINK:
             value = getattr(line, key, None)
             if value is None:
                 continue
-            other, before = known.setdefault(key, (each.name, value))
+            other, before = first.setdefault(key, (each.name, value))
             if value != before:
                 raise ConfigError(
                     f"link.{link}: {other} has {key} = {before!r} and {each.name} has {key} = {value!r} as they leave "
@@ -399,7 +401,7 @@ def _check_alone(links: Mapping[str, Link]) -> None:
 
 def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:
     """Raises ConfigError: two messages on a CAN bus have one identifier (COB-ID), or one that is kept for others."""
-    known: dict[int, str] = {}
+    users: dict[int, str] = {}
     for each in nodes:
         contract = each.kind.contract
         own = [(f"{what} of {each.name}", base + each.unit) for what, base in OF_A_NODE.items()]
@@ -411,12 +413,12 @@ def _check_identifiers(link: str, nodes: Sequence[Listed]) -> None:
         except ConfigError as error:
             raise ConfigError(f"{each.name} on {link}: {error}") from None
         for what, identifier in (*own, *data):
-            if identifier in known:
+            if identifier in users:
                 raise ConfigError(
-                    f"{known[identifier]} and {what} have the same identifier 0x{identifier:X} on {link}; give one "
+                    f"{users[identifier]} and {what} have the same identifier 0x{identifier:X} on {link}; give one "
                     "device another node id, or the PDO of its contract another base"
                 )
-            known[identifier] = what
+            users[identifier] = what
         for what, identifier in data:
             if identifier > LARGEST or any(identifier in kept for kept in KEPT):
                 raise ConfigError(
@@ -736,9 +738,9 @@ def compared(before: BenchDescription, now: BenchDescription) -> tuple[dict[str,
     first, second = _tables(before), _tables(now)
     links = _names(first["link"], second["link"])
     for name, device in second["device"].items():  # a changed link is recognised by the devices on it
-        known = first["device"].get(name, device)["link"]
-        if links[device["link"]] not in first["link"] and known not in links.values():
-            links[device["link"]] = known
+        its_link = first["device"].get(name, device)["link"]
+        if links[device["link"]] not in first["link"] and its_link not in links.values():
+            links[device["link"]] = its_link
     for device in second["device"].values():
         device["link"] = links[device["link"]]
     devices = _names(first["device"], second["device"])
@@ -779,7 +781,7 @@ def _names(first: Mapping[str, object], second: Mapping[str, object]) -> dict[st
     found = {name: name for name in second}
     left = {name: table for name, table in first.items() if name not in second}
     for name, table in second.items():
-        alike = next((other for other, known in left.items() if known == table), None)
+        alike = next((other for other, table_of_other in left.items() if table_of_other == table), None)
         if name not in first and alike is not None:
             found[name] = alike
             del left[alike]

@@ -271,7 +271,7 @@ def frequency_step(kind_in: Callable[[Role], DeviceKind | None]) -> float | None
 
 def check_identities(kinds: Iterable[DeviceKind]) -> None:
     """Raises ConfigError: two kinds have the same identity on the wire, or two maps have the same name."""
-    known: dict[tuple[str, ...], str] = {}
+    first: dict[tuple[str, ...], str] = {}
     maps: dict[str, DeviceKind] = {}
     for kind in kinds:
         other = maps.setdefault(kind.name, kind)
@@ -280,8 +280,8 @@ def check_identities(kinds: Iterable[DeviceKind]) -> None:
             raise ConfigError(f"{files}: device.name: both are {kind.name!r}, and are not alike; give one another name")
         identity = kind.contract.identity
         alike = (kind.contract.bus, identity.vendor, identity.product)
-        if known.setdefault(alike, kind.name) != kind.name:
+        if first.setdefault(alike, kind.name) != kind.name:
             raise ConfigError(
-                f"kinds of device {known[alike]!r} and {kind.name!r} both identify themselves as {identity.vendor} "
+                f"kinds of device {first[alike]!r} and {kind.name!r} both identify themselves as {identity.vendor} "
                 f"{identity.product}; give one another product in its contract"
             )

@@ -72,8 +72,8 @@ def write_calibration(path: Path, calibration: Calibration) -> None:
     Raises:
         RecordError: the folder is missing, full or read-only.
     """
-    told = {"sha256": calibration.sha256(), **calibration.model_dump(exclude_none=True)}
+    content = {"sha256": calibration.sha256(), **calibration.model_dump(exclude_none=True)}
     try:
-        put_whole(path, tomli_w.dumps(told))
+        put_whole(path, tomli_w.dumps(content))
     except OSError as error:
         raise RecordError(f"{path}: cannot write the calibration: {reason(error)}; choose another folder") from error

@@ -431,8 +431,8 @@ def _check(load: npt.NDArray[np.float64], runs: Sequence[WeightRun], resolution_
 
 def _scatter(runs: Sequence[WeightRun]) -> float | None:
     """Standard deviation of single displayed values, pooled over the runs; None where a run does not tell its own."""
-    known = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
-    return float(np.linalg.norm(known)) / math.sqrt(len(runs)) if len(known) == len(runs) else None
+    scatters = [run.scatter_mV for run in runs if run.scatter_mV is not None and run.repeats > 1]
+    return float(np.linalg.norm(scatters)) / math.sqrt(len(runs)) if len(scatters) == len(runs) else None
 
 
 # --- the calibration -----------------------------------------------------------------------------------

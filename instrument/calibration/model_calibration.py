@@ -97,13 +97,13 @@ class ModelCalibration(Calibration):
         Args:
             same_films: whether the object is measured with the films' calibration of the references; it then cancels.
         """
-        told = f"{counted(len(self.references), 'reference')} of {self.source}{self.marks()}"
+        evidence = f"{counted(len(self.references), 'reference')} of {self.source}{self.marks()}"
         if self.spread is None or self.spread_degrees_of_freedom is None:
-            why = f"{told} gives a constant, and nothing tells the spread about it"
+            why = f"{evidence} gives a constant, and nothing tells the spread about it"
             return ValidationLine(self.constant, None, math.inf, f"not known: {why}; {remedy(self.model)}, two or more")
-        told = f"{told}, {self.prior}"
+        evidence = f"{evidence}, {self.prior}"
         if self.film_calibration is not None:
-            told += (
+            evidence += (
                 "; the films' calibration is the same and cancels"
                 if same_films
                 else "; their films' calibration counts"
@@ -112,7 +112,7 @@ class ModelCalibration(Calibration):
         spread = self.spread * math.sqrt(1 + self.weight)
         u = math.hypot(spread, self.constant_u, self.pickup_u, films)
         spent = spread**4 / self.spread_degrees_of_freedom + films**4 / (self.films_degrees_of_freedom or math.inf)
-        return ValidationLine(self.constant, u, u**4 / spent if spent > 0 else math.inf, told)
+        return ValidationLine(self.constant, u, u**4 / spent if spent > 0 else math.inf, evidence)
 
     def with_more(self, references: int) -> ValidationLine | None:
         """The line if there were so many references, like the present ones and of the same spread; None: not known."""
@@ -123,13 +123,13 @@ class ModelCalibration(Calibration):
         one = math.fsum(each.ln_error_u**2 for each in self.references) / count if self.constant_u else 0.0
         u = math.hypot(spread, math.sqrt(one / references), self.pickup_u)
         freedom = self.spread_degrees_of_freedom + (references - count) * telling(self.spread, one)
-        known = u**4 * freedom / spread**4 if spread > 0 else math.inf
-        return ValidationLine(self.constant, u, known, counted(references, "reference"))
+        freedom_of_all = u**4 * freedom / spread**4 if spread > 0 else math.inf
+        return ValidationLine(self.constant, u, freedom_of_all, counted(references, "reference"))
 
     def reaches(self, moduli: NDArray[np.float64]) -> NDArray[np.bool_]:
         """Whether the constant is taken to hold at some moduli [Pa]: up to three times beyond the references' own."""
-        known = [each.modulus_Pa for each in self.references]
-        return (moduli >= min(known) / REACH) & (moduli <= max(known) * REACH)
+        moduli_of_references = [each.modulus_Pa for each in self.references]
+        return (moduli >= min(moduli_of_references) / REACH) & (moduli <= max(moduli_of_references) * REACH)
 
     def check_question(self, question: RatioQuestion, model: str) -> None:
         """Check that the calibration is of the model that answers a question, and its sensor and object.
@@ -228,7 +228,7 @@ class MeasuredReference:
 
 
 def fit_model(
-    references: Sequence[MeasuredReference], known: Validation, origin: Mapping[str, Any]
+    references: Sequence[MeasuredReference], validation: Validation, origin: Mapping[str, Any]
 ) -> ModelCalibration:
     """Fit the constant of a model and its spread to measured references.
 
@@ -241,9 +241,9 @@ def fit_model(
         EstimateError: references contradict each other or the curve, beyond chi2 of a chance of 1e-4.
     """
     errors, variances = [r.ln_error for r in references], [r.ln_error_u**2 for r in references]
-    _check_curve(references, known)
-    _check_each_other(references, known)
-    found = _spread(references, known)
+    _check_curve(references, validation)
+    _check_each_other(references, validation)
+    found = _spread(references, validation)
     spread = found.u or 0.0
     weights = [1 / (spread**2 + (0.0 if found.holds_all else each)) for each in variances]
     shares = [each / math.fsum(weights) for each in weights]
@@ -268,7 +268,7 @@ def fit_model(
     return check(fields, ModelCalibration, "model calibration")
 
 
-def expected_u(known: Validation, moduli_u: Sequence[float], scatter_u: float) -> float | None:
+def expected_u(validation: Validation, moduli_u: Sequence[float], scatter_u: float) -> float | None:
     """Standard uncertainty of ln of an object's ratio that references are expected to leave.
 
     Args:
@@ -279,7 +279,7 @@ def expected_u(known: Validation, moduli_u: Sequence[float], scatter_u: float) -
     Returns:
         None: the thesis tells no spread.
     """
-    spread = known.ln_spread
+    spread = validation.ln_spread
     if spread is None:
         return None
     weights = [1 / (spread**2 + each**2 + scatter_u**2) for each in moduli_u]
@@ -301,7 +301,7 @@ class _Spread:
     holds_all: bool = False
 
 
-def _spread(references: Sequence[MeasuredReference], known: Validation) -> _Spread:
+def _spread(references: Sequence[MeasuredReference], validation: Validation) -> _Spread:
     """The spread of references and thesis, pooled as variances.
 
     What the references' own uncertainties explain is taken off. Where nothing else tells the spread, it stays in: then
@@ -312,23 +312,23 @@ def _spread(references: Sequence[MeasuredReference], known: Validation) -> _Spre
     explained = math.fsum(variances) / count
     own = math.fsum((each - math.fsum(errors) / count) ** 2 for each in errors) / more if more else 0.0
     whole = math.sqrt(max(own, explained))
-    prior = known.ln_spread
+    prior = validation.ln_spread
     if prior is None:
         return _Spread(whole, more, "their own spread", True) if more else _Spread(None, None, "no spread is known")
-    freedom = len(known.percent) - 1
-    told = f"the thesis' {100 * prior:.2g} % ({freedom} degrees of freedom)"
+    freedom = len(validation.percent) - 1
+    thesis = f"the thesis' {100 * prior:.2g} % ({freedom} degrees of freedom)"
     by_thesis = [prior**2 + each for each in variances]
     if more and _chi2(errors, by_thesis) > _quantile(REFUTED, more):
         worst = _farthest(references, by_thesis)
         which = f"; {worst!r} lies farthest from the others" if worst else ""
-        return _Spread(whole, more, f"their own spread, which refutes {told}{which}", True)
+        return _Spread(whole, more, f"their own spread, which refutes {thesis}{which}", True)
     tell = more * telling(prior, explained)
     pooled = math.sqrt((freedom * prior**2 + tell * max(own - explained, 0.0)) / (freedom + tell))
-    return _Spread(pooled, freedom + tell, f"spread pooled with {told}" if more else f"spread of {told}")
+    return _Spread(pooled, freedom + tell, f"spread pooled with {thesis}" if more else f"spread of {thesis}")
 
 
-def _check_curve(references: Sequence[MeasuredReference], known: Validation) -> None:
-    distance = UNTOLD_DISTANCE if known.ln_rms is None else known.ln_rms
+def _check_curve(references: Sequence[MeasuredReference], validation: Validation) -> None:
+    distance = UNTOLD_DISTANCE if validation.ln_rms is None else validation.ln_rms
     limit = _quantile(CONTRADICTION, 1)
     for each in references:
         chi2 = each.ln_error**2 / (distance**2 + each.ln_error_u**2)
@@ -340,8 +340,8 @@ def _check_curve(references: Sequence[MeasuredReference], known: Validation) -> 
             )
 
 
-def _check_each_other(references: Sequence[MeasuredReference], known: Validation) -> None:
-    spread = _greatest_spread(known)
+def _check_each_other(references: Sequence[MeasuredReference], validation: Validation) -> None:
+    spread = _greatest_spread(validation)
     errors, variances = [r.ln_error for r in references], [spread**2 + r.ln_error_u**2 for r in references]
     if len(references) < 2 or (chi2 := _chi2(errors, variances)) <= (
         limit := _quantile(CONTRADICTION, len(references) - 1)
@@ -371,14 +371,14 @@ def _farthest(references: Sequence[MeasuredReference], variances: Sequence[float
     return references[min(range(len(references)), key=without)].name
 
 
-def _greatest_spread(known: Validation) -> float:
+def _greatest_spread(validation: Validation) -> float:
     """The upper end of the one-sided 95 % interval of the thesis' spread, whose degrees of freedom are few."""
     from scipy.special import chdtri
 
-    if known.ln_spread is None:
+    if validation.ln_spread is None:
         return UNTOLD_SPREAD
-    freedom = len(known.percent) - 1
-    return float(known.ln_spread * math.sqrt(freedom / chdtri(freedom, 0.95)))
+    freedom = len(validation.percent) - 1
+    return float(validation.ln_spread * math.sqrt(freedom / chdtri(freedom, 0.95)))
 
 
 def _chi2(values: Sequence[float], variances: Sequence[float]) -> float:

@@ -371,9 +371,9 @@ def check_declaration(contract: Declaration, encode: Encode) -> None:
 
 def _check_units(contract: Declaration) -> None:
     """Raises ConfigError: one field should tell two units at once."""
-    told: dict[str, Field] = {}
+    first_fields: dict[str, Field] = {}
     for f in contract.fields:
-        first = told.setdefault(f.unit_in, f) if f.unit_in else f
+        first = first_fields.setdefault(f.unit_in, f) if f.unit_in else f
         if first.unit != f.unit:
             raise ConfigError(
                 f"{contract.title}: {f.unit_in} should tell {first.unit!r} for {first.name} and {f.unit!r} for "
@@ -447,8 +447,8 @@ def _check_beside(contract: Declaration, f: Field, fields: Mapping[str, Field]) 
         if bit not in other.bits:
             raise ConfigError(f"{where}: its sign is in {name}.{bit}; valid bits: {', '.join(other.bits) or 'none'}")
         start, count = contract.block([f.name, name])
-        known = {at for each in contract.fields for at in range(each.address, each.address + each.width)}
-        holes = not known.issuperset(range(start, start + count))
+        addresses = {at for each in contract.fields for at in range(each.address, each.address + each.width)}
+        holes = not addresses.issuperset(range(start, start + count))
         if other.table != f.table or count > contract.manners.most_read or holes:
             raise ConfigError(
                 f"{where}: its sign is in {name}, which one request cannot read with it, so that the sign could be of "
@@ -524,7 +524,7 @@ def _check_marks(contract: Declaration, fields: Mapping[str, Field], encode: Enc
 def _check_commands(contract: Declaration, fields: Mapping[str, Field], encode: Encode) -> None:
     """Raises ConfigError: a command cannot be given, or what it waits for cannot be read."""
     check_once(contract.title, "commands", [command.name for command in contract.commands])
-    known: list[str] = []
+    before: list[str] = []
     for command in contract.commands:
         where = f"{contract.title}: command {command.name}"
         f = fields.get(command.field)
@@ -551,11 +551,11 @@ def _check_commands(contract: Declaration, fields: Mapping[str, Field], encode: 
             raise ConfigError(
                 f"{where}: is done and has failed in one state of {command.done.field}; give different values"
             )
-        if unknown := [name for name in command.after if name not in known]:
+        if unknown := [name for name in command.after if name not in before]:
             raise ConfigError(
-                f"{where}: is after {unknown[0]!r}, no command before it; valid: {', '.join(known) or 'none'}"
+                f"{where}: is after {unknown[0]!r}, no command before it; valid: {', '.join(before) or 'none'}"
             )
-        known.append(command.name)
+        before.append(command.name)
 
 
 def _written_with(contract: Declaration, f: Field) -> list[str]:

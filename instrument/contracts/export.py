@@ -108,14 +108,14 @@ def _wire(contract: Contract) -> str:
     modbus = contract.bus == "modbus"
     held = "Modbus registers, high word first where not said otherwise" if modbus else "CANopen objects, little-endian"
     if contract.known_by == "marks":
-        known = "Known by " + ", ".join(f"{mark.field} = {mark.value}" for mark in contract.marks)
+        marks = "Known by " + ", ".join(f"{mark.field} = {mark.value}" for mark in contract.marks)
     elif contract.known_by == "nothing":
-        known = "Tells nothing by which it is known, so that its label counts"
+        marks = "Tells nothing by which it is known, so that its label counts"
     else:
-        known = f"Identity ({'function 43/14' if modbus else 'object 0x1018'})"
+        marks = f"Identity ({'function 43/14' if modbus else 'object 0x1018'})"
     identity = contract.identity
     return (
-        f"{held}. {known}: vendor {identity.vendor}, product {identity.product}, revision {identity.revision or 'any'}."
+        f"{held}. {marks}: vendor {identity.vendor}, product {identity.product}, revision {identity.revision or 'any'}."
     )
 
 
@@ -137,20 +137,20 @@ def _row(contract: Contract, f: Field) -> tuple[str, ...]:
 
 def _type(f: Field) -> str:
     """The type, with what of its bytes is not usual."""
-    said: list[str] = [f.type]
-    said += ["low word first"] if f.words == "little" else []
-    said += ["low byte first"] if f.octets == "little" else []
-    said += [f"bits {f.part[0]} to {sum(f.part) - 1}"] if f.part else []
-    return ", ".join(said)
+    parts: list[str] = [f.type]
+    parts += ["low word first"] if f.words == "little" else []
+    parts += ["low byte first"] if f.octets == "little" else []
+    parts += [f"bits {f.part[0]} to {sum(f.part) - 1}"] if f.part else []
+    return ", ".join(parts)
 
 
 def _scale(f: Field) -> str:
     """The scale, with the fields that tell it, the zero and the sign."""
-    said = [_number(f.scale)]
-    said += [f"from {_number(f.offset)}"] if f.offset else []
-    said += [f"{f.scaling.by} in {f.scaling.told_by}"] if f.scaling else []
-    said += [f"sign in {f.sign[0]}.{f.sign[1]}"] if f.sign else []
-    return ", ".join(said)
+    parts = [_number(f.scale)]
+    parts += [f"from {_number(f.offset)}"] if f.offset else []
+    parts += [f"{f.scaling.by} in {f.scaling.told_by}"] if f.scaling else []
+    parts += [f"sign in {f.sign[0]}.{f.sign[1]}"] if f.sign else []
+    return ", ".join(parts)
 
 
 def _limits(f: Field) -> str:

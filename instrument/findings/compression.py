@@ -77,12 +77,12 @@ class LoadLine:
                 f" {LEAST_POINTS} are needed; compress further or in more steps"
             )
         positions, loads = series.positions[sure], loads[sure]
-        known, freedom = displays_u(series.displays, calibration)
-        line = interpolate(positions, loads, known)
-        scatter = max(line.residual_sd, known)
+        display_u, freedom = displays_u(series.displays, calibration)
+        line = interpolate(positions, loads, display_u)
+        scatter = max(line.residual_sd, display_u)
         # The F-test asks whether the loads scatter about the line more than the display's steps explain.
-        if fdtrc(line.degrees_of_freedom, freedom, (line.residual_sd / known) ** 2) > SIGNIFICANCE:
-            scatter = known
+        if fdtrc(line.degrees_of_freedom, freedom, (line.residual_sd / display_u) ** 2) > SIGNIFICANCE:
+            scatter = display_u
         else:
             freedom = line.degrees_of_freedom
         return cls(
@@ -224,12 +224,12 @@ def compress(
                 " support; the pad must be the softer: check which of them was under the probe"
             )
     pad = _Pad(support.position, lines[LOADING].position)
-    known = float(calibration.degrees_of_freedom or math.inf)
+    freedom = float(calibration.degrees_of_freedom or math.inf)
     inputs = (
         *support.inputs(),
         *lines[LOADING].inputs(),
-        Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N, known),
-        Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N, known),
+        Input("sensitivity", 1.0, calibration.sensitivity_u / calibration.sensitivity_mV_per_N, freedom),
+        Input("zero", 0.0, calibration.zero_u / calibration.sensitivity_mV_per_N, freedom),
         Input("area", area, area_u),
         Input("positions", 0.0, POSITION_STEP / math.sqrt(6)),  # two contact positions, each rounded to a step
     )

@@ -392,9 +392,9 @@ def _absolute(
     # Welch and Satterthwaite.
     spent = (u / ratios) ** 4 / freedom + validation**4 / line.degrees_of_freedom
     with np.errstate(divide="ignore", invalid="ignore"):
-        known = np.where(spent > 0, together**4 / spent, math.inf)
+        freedoms = np.where(spent > 0, together**4 / spent, math.inf)
     reach = np.exp(
-        [coverage_factor(float(each), COVERAGE) * total for each, total in zip(known, together, strict=True)]
+        [coverage_factor(float(each), COVERAGE) * total for each, total in zip(freedoms, together, strict=True)]
     )
     return modulus_within(curve, ratios, ratios / reach - bound, ratios * reach + bound)
 
@@ -416,8 +416,8 @@ def _priced(
 
     found = modulus_of_ratio(curve, ratios, u, COVERAGE, degrees_of_freedom=freedom)
     ends = [(float(low), float(high)) for low, high in zip(found.low, found.high, strict=True)]
-    known = [all(lowest <= end <= highest for end in pair if 0 < end < math.inf) for pair in ends]
-    errors = [priced(*pair) if inside else None for pair, inside in zip(ends, known, strict=True)]
+    priceable = [all(lowest <= end <= highest for end in pair if 0 < end < math.inf) for pair in ends]
+    errors = [priced(*pair) if inside else None for pair, inside in zip(ends, priceable, strict=True)]
     if question.model == AUTO:
         return errors, found  # its curve has them
     while True:

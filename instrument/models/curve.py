@@ -252,14 +252,14 @@ def sampled_curve(
     from scipy.interpolate import PPoly, make_interp_spline
 
     low, high = math.log(lowest), math.log(highest)
-    known: dict[float, tuple[float, float]] = {}
+    answers: dict[float, tuple[float, float]] = {}
     coarser = None
     for count in NODES:
         nodes = np.linspace(low, high, count)
         for share, node in zip(np.linspace(0, 1, count), nodes, strict=True):
-            if share not in known:
-                known[share] = answer(min(max(math.exp(node), lowest), highest))
-        ratios, errors = np.array([known[share] for share in np.linspace(0, 1, count)]).T
+            if share not in answers:
+                answers[share] = answer(min(max(math.exp(node), lowest), highest))
+        ratios, errors = np.array([answers[share] for share in np.linspace(0, 1, count)]).T
         spline = make_interp_spline(nodes, ratios, k=5)
         if coarser is not None:
             interpolation = float(np.abs(coarser(nodes) - ratios).max()) / GAIN

@@ -79,19 +79,19 @@ def _check(design: Design, sample: Sample) -> None:
 
 def _is_known(design: Design) -> bool:
     """Whether the table holds this design; what a bench tells of its films and cables moves no load."""
-    known = get_design(DESIGN)
-    if design.name != known.name:
+    shipped = get_design(DESIGN)
+    if design.name != shipped.name:
         return False
     alike = replace(
         design,
-        films=known.films,
-        scatter_correlation=known.scatter_correlation,
+        films=shipped.films,
+        scatter_correlation=shipped.scatter_correlation,
         film_covariance=None,
         film_freedom=None,
         pickup=None,
         noise=None,
     )
-    return alike == known
+    return alike == shipped
 
 
 @functools.cache

@@ -245,8 +245,8 @@ class PriceList:
             for price in self.prices
             if (price.design, price.model) == (design, model) and price.answer_s is not None
         ]
-        known = [[error for error in errors if error is not None] for errors in offers if None not in errors]
-        return min((max(errors) for errors in known if errors), default=None)
+        complete = [[error for error in errors if error is not None] for errors in offers if None not in errors]
+        return min((max(errors) for errors in complete if errors), default=None)
 
     def of(self, designs: Sequence[str]) -> PriceList:
         """The part of the list that concerns some designs.
@@ -292,9 +292,9 @@ class PriceList:
 
     def vouches(self, design: Design, loads: Sequence[Load]) -> bool:
         """Whether prices were measured for this very design, and for such objects and moduli."""
-        known = {reference.design: reference.fingerprint for reference in self.references}
+        fingerprints = {reference.design: reference.fingerprint for reference in self.references}
         return DESIGNS.get(design.name) == design and all(
-            fingerprint(design, load) == known.get(design.name)
+            fingerprint(design, load) == fingerprints.get(design.name)
             and self.moduli_Pa[0] <= load.sensed.modulus <= self.moduli_Pa[-1]
             for load in loads
         )
@@ -387,10 +387,10 @@ def model_error(design: Design, load: Load, model: str, low: float, high: float)
 def model_errors(design: Design, loads: Sequence[Load], models: Sequence[str]) -> list[float | None]:
     """`model_error` at the modulus of each of some loads, which differ in nothing else, by a model for each."""
     prices = stored()
-    known = prices.vouches(design, [through(loads[0], prices.moduli_Pa[0])])
+    vouched = prices.vouches(design, [through(loads[0], prices.moduli_Pa[0])])
     moduli = [load.sensed.modulus for load in loads]
     return [
-        prices.model_error(design.name, model, modulus, modulus) if known and model != DATA else None
+        prices.model_error(design.name, model, modulus, modulus) if vouched and model != DATA else None
         for model, modulus in zip(models, moduli, strict=True)
     ]
 

@@ -177,14 +177,14 @@ def line_of(design: Design) -> OddsLine:
     return LINES[design.name]
 
 
-def _same_bodies(design: Design, known: Design) -> bool:
+def _same_bodies(design: Design, other: Design) -> bool:
     """Whether two designs have the same bodies.
 
     The ring's modulus may differ, because the law contains it. Poisson ratio and outline may differ, because springs
     have neither.
     """
     return (
-        design.teeth == known.teeth
-        and (design.tooth.radius, design.tooth.height) == (known.tooth.radius, known.tooth.height)
-        and replace(design.ring, material=known.ring.material, outline=known.ring.outline) == known.ring
+        design.teeth == other.teeth
+        and (design.tooth.radius, design.tooth.height) == (other.tooth.radius, other.tooth.height)
+        and replace(design.ring, material=other.ring.material, outline=other.ring.outline) == other.ring
     )

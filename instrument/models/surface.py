@@ -115,8 +115,8 @@ class Surface:
         curves = [mesh.poles for mesh in self.meshes]
         if isinstance(self.parameters, RoundParameters):
             return axisymmetric.estimates(curves, self.parameters, moduli)
-        known = None if self.beside is None else [mesh.poles for mesh in self.beside]
-        return solid.estimates(curves, self.parameters, moduli, known)
+        companions = None if self.beside is None else [mesh.poles for mesh in self.beside]
+        return solid.estimates(curves, self.parameters, moduli, companions)
 
     def relative(self, moduli: Floats) -> Floats:
         """Bounds on the errors of force ratios, relative to these, at moduli of the object [Pa]."""
@@ -213,8 +213,10 @@ def build(design: str, sensors: Iterable[Parameters]) -> Iterator[Path]:
                 mesh = RoundMesh(found.without(NEGLIGIBLE), time.process_time() - start)
             else:
                 of, resolution = asked.get(str(refinement)) or (sensor, ladders.resolution(sensor, int(refinement)))
-                known = solid.found_on(of, resolution)
-                mesh = SolidMesh(replace(known, poles=known.poles.without(NEGLIGIBLE)), time.process_time() - start)
+                solution = solid.found_on(of, resolution)
+                mesh = SolidMesh(
+                    replace(solution, poles=solution.poles.without(NEGLIGIBLE)), time.process_time() - start
+                )
             write(path, mesh, key)
             written.append(path)
             yield path

@@ -395,9 +395,9 @@ def short_noise(
     worse, worse_freedom, _ = mean_power(likelihood + LEANING / cycles * np.log(SHARES), squares, count)
     wider = np.sqrt((1 + STEEPER / cycles) * typical(worse, worse_freedom) / typical(mean, freedom))
     factor = stdtrit(worse_freedom, UPPER) * wider
-    known = stdtridf(UPPER, np.maximum(factor, stdtrit(freedom, UPPER)))
+    upper = stdtridf(UPPER, np.maximum(factor, stdtrit(freedom, UPPER)))
     whitened = seen / np.sqrt(weight @ shape)
-    return EquivalentNoise(np.sqrt(typical(mean, freedom)), moments(whitened, count)[1], known.min(axis=-1)), sound
+    return EquivalentNoise(np.sqrt(typical(mean, freedom)), moments(whitened, count)[1], upper.min(axis=-1)), sound
 
 
 def mean_power(log: Floats, squares: Floats, count: int) -> tuple[Floats, Floats, Floats]:

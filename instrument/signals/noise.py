@@ -121,8 +121,8 @@ def _shaped(spectrum: Complexes, pink: Floats) -> tuple[EquivalentNoise, npt.NDA
     a, b, c = ((lines / density**2) @ slope**order for order in range(3))
     variance = (a - 2 * b + c) / (a * c - b**2) / (white + rising) ** 2
     # A drive far below the first line is out of the data's reach: the density there is practically unknown.
-    known = np.maximum(np.trunc(2 / variance.mean(axis=-1)), 1.0)
-    return EquivalentNoise(np.sqrt(white + rising), correlation, known), sound & _holds(power / density, lines)
+    freedom = np.maximum(np.trunc(2 / variance.mean(axis=-1)), 1.0)
+    return EquivalentNoise(np.sqrt(white + rising), correlation, freedom), sound & _holds(power / density, lines)
 
 
 def whittle(power: Floats, slope: Floats, lines: Floats) -> tuple[Floats, Floats]:

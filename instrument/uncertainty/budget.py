@@ -163,13 +163,13 @@ class Budget:
 
     def summary(self) -> dict[str, Any]:
         """The whole budget as JSON has it; None stands for infinitely many degrees of freedom."""
-        known = self.degrees_of_freedom
+        freedom = self.degrees_of_freedom
         return {
             "quantity": self.quantity,
             "value": self.value,
             "unit": self.unit,
             "u": self.u,
-            "degrees_of_freedom": known if math.isfinite(known) else None,
+            "degrees_of_freedom": freedom if math.isfinite(freedom) else None,
             "coverage": COVERAGE,
             "expanded": self.expanded(),
             "components": self.rows(),

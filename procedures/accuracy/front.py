@@ -301,12 +301,12 @@ def costs_for(plans: ModulusPlans, prospect: Prospect) -> list[CauseCost]:
     allowed = math.sqrt(3 * SYSTEMATIC / len(systematic)) * reached.u / slope  # a bound counts as a rectangle
     mountings, sets, dwell = plan.mountings, plan.sets, plan.sets * plan.dwell
     times, person = counted(mountings, "time"), costs.person * mountings
-    fit, told_sets, noise = _fit_of(plan.dwell, wanted.frequency), f"{sets} sets", shares[NOISE][1]
+    fit, of_sets, noise = _fit_of(plan.dwell, wanted.frequency), f"{sets} sets", shares[NOISE][1]
     fit_s, fit_u = _timed(fit)
     needs = dwell * noise * (1 - SYSTEMATIC) / SYSTEMATIC / (1 - noise) if noise < 1 else dwell
     paid = [
         CauseCost(MOUNTED, None, None, times, times, mountings, mountings, costs.mounting * mountings, person),
-        CauseCost(SCATTER, None, None, told_sets, told_sets, sets, sets, (costs.set + plan.dwell) * sets, None,
+        CauseCost(SCATTER, None, None, of_sets, of_sets, sets, sets, (costs.set + plan.dwell) * sets, None,
                   fit_s * sets, fit_u * sets),
         CauseCost(NOISE, None, None, show(needs, "s", 2), show(dwell, "s", 2), needs, dwell),
         replace(_bound(CURVE, found.curve_u * math.sqrt(3) / found.ratio, allowed), processor_s=_answer_s(plans)),
@@ -456,8 +456,8 @@ def _answer(front: ModulusFront, asked: FrontPoint) -> str:
     """How long the asked tolerance takes."""
     times, tolerance = asked.plan.times, as_asked(front.wanted.tolerance or 0.0)
     person = duration(front.wanted.mounts.person * times.mountings)
-    told = f"{tolerance}: {duration(times.mean)} on average, {person} of it a person's"
-    return told if times.kept else f"{told} ({share(times.enough)} of runs reach it)"
+    average = f"{tolerance}: {duration(times.mean)} on average, {person} of it a person's"
+    return average if times.kept else f"{average} ({share(times.enough)} of runs reach it)"
 
 
 def _cost_cells(cost: CauseCost) -> tuple[str, ...]:
@@ -483,8 +483,10 @@ def _notes(front: ModulusFront) -> list[str]:
     if front.less is not None or front.more is not None:
         mean = front.asked.plan.times.mean if front.asked is not None else math.nan
         halves = {mean - MINUTE: front.less, mean + MINUTE: front.more}
-        told = (f"{duration(t)} give {'no answer' if h is None else plus_minus(h)}" for t, h in halves.items() if t > 0)
-        lines.append(f"a minute       {'; '.join(told)}")
+        given = (
+            f"{duration(t)} give {'no answer' if h is None else plus_minus(h)}" for t, h in halves.items() if t > 0
+        )
+        lines.append(f"a minute       {'; '.join(given)}")
     if front.remedy and front.asked is not None:
         lines.append(f"binds          {front.asked.plan.allocation.binds}: {front.remedy}")
     lines += mounting_lines(front.wanted)
@@ -550,8 +552,8 @@ def _draw_payers(front: ModulusFront, asked: FrontPoint, ax: Axes) -> None:
     names = {MOUNTED: counted(plan.mountings, "mounting"), SCATTER: f"{plan.sets} load sets"}
     payers = [cost for cost in front.costs if cost.bench_s]
     bench, person = [cost.bench_s or 0.0 for cost in payers], [cost.person_s or 0.0 for cost in payers]
-    told = [names.get(cost.cause, cost.cause) for cost in payers]
-    _bars(ax, told, bench, [duration(each) for each in bench], "bench")
+    labels = [names.get(cost.cause, cost.cause) for cost in payers]
+    _bars(ax, labels, bench, [duration(each) for each in bench], "bench")
     ax.barh(range(len(payers)), person, color="0.3", hatch="//", edgecolor="0.6", height=0.6, label="of it a person")
     ax.set_title("Who pays, on average", loc="left", fontsize=9, weight="bold")
     ax.set(xlim=(0, 1.4 * max(bench)), xticks=[])

@@ -74,15 +74,15 @@ def measure(designs: Sequence[str], progress: Progress) -> PriceList:
     solved = solve_all(chosen, progress)
     prices: list[Price] = []
     found = []
-    for design, known in zip(chosen, surfaces, strict=True):
+    for design, curves in zip(chosen, surfaces, strict=True):
         truth = reference_of(design, solved)
-        errors = errors_of(known.force_ratios(np.array(MODULI)), truth)
+        errors = errors_of(curves.force_ratios(np.array(MODULI)), truth)
         found.append(truth)
         for name in ("column", "column_fitted", "experiment", "beam_printed", "beam_exact"):
-            prices.append(_at_once(design, known, errors, name, "closed form"))
-        prices.append(_at_once(design, known, errors, "beam", f"{beam.ELEMENTS} elements a stretch"))
-        prices += element_prices(design, truth, known.force_ratios(np.array(MIDDLES)), errors, solved)
-        prices.append(_surface(design, known, errors))
+            prices.append(_at_once(design, curves, errors, name, "closed form"))
+        prices.append(_at_once(design, curves, errors, "beam", f"{beam.ELEMENTS} elements a stretch"))
+        prices += element_prices(design, truth, curves.force_ratios(np.array(MIDDLES)), errors, solved)
+        prices.append(_surface(design, curves, errors))
     return PriceList(machine=this_machine(), moduli_Pa=MODULI, references=tuple(found), prices=tuple(prices))
 
 
@@ -113,11 +113,11 @@ def expected_curve_seconds(name: str) -> float:
 def _stored(designs: Sequence[str]) -> tuple[list[Price], list[ReferenceRatios]]:
     """Stored prices and references of some designs; none where the list is missing or damaged: it is made anew then."""
     try:
-        known = stored()
+        shipped = stored()
     except ConfigError:
         return [], []
-    return [each for each in known.prices if each.design in designs], [
-        each for each in known.references if each.design in designs
+    return [each for each in shipped.prices if each.design in designs], [
+        each for each in shipped.references if each.design in designs
     ]
 
 
@@ -135,16 +135,16 @@ def sensor_of(name: str, parameters: str) -> Parameters:
 # --- what answers at once ------------------------------------------------------------------------------
 
 
-def _at_once(design: Design, known: Surface, known_errors: Floats, model: str, refinement: str) -> Price:
+def _at_once(design: Design, curves: Surface, curve_errors: Floats, model: str, refinement: str) -> Price:
     """A price beside a design's shipped curves, whose own error in each interval counts as well."""
     ratio = functools.partial(_ask, design, model)
     errors: list[float | None] = []
     failure = ""
-    for (low, high), own in zip(itertools.pairwise(MODULI), known_errors, strict=True):
+    for (low, high), own in zip(itertools.pairwise(MODULI), curve_errors, strict=True):
         kinks = [sample.modulus for sample in SAMPLES.values() if low < sample.modulus < high]  # the experiment's
         moduli = np.array([low, *np.geomspace(low, high, BETWEEN)[1:-1], *kinks, high])
         try:
-            apart = np.abs([ratio(float(modulus)) for modulus in moduli] - known.force_ratios(moduli))
+            apart = np.abs([ratio(float(modulus)) for modulus in moduli] - curves.force_ratios(moduli))
             errors.append(float(apart.max() + own))
         except RangeError as error:
             errors.append(None)
@@ -164,19 +164,19 @@ def _at_once(design: Design, known: Surface, known_errors: Floats, model: str, r
     )
 
 
-def _surface(design: Design, known: Surface, known_errors: Floats) -> Price:
+def _surface(design: Design, curves: Surface, curve_errors: Floats) -> Price:
     """The price of a design's shipped curves."""
     ends = [np.geomspace(low, high, BETWEEN) for low, high in itertools.pairwise(MODULI)]
     many = np.geomspace(MODULI[0], MODULI[-1], 10_000)
     return Price(
         design=design.name,
         model="surface",
-        refinement=f"{len(known.poles.rates)} poles of {known.model}",
-        errors=tuple(known_errors.tolist()),
-        estimates=tuple(float(known.estimates(moduli)[0].max()) for moduli in ends),
-        build_s=known.seconds,
+        refinement=f"{len(curves.poles.rates)} poles of {curves.model}",
+        errors=tuple(curve_errors.tolist()),
+        estimates=tuple(float(curves.estimates(moduli)[0].max()) for moduli in ends),
+        build_s=curves.seconds,
         solve_s=None,
-        evaluate_s=seconds_of(functools.partial(known.force_ratios, many)) / len(many),
+        evaluate_s=seconds_of(functools.partial(curves.force_ratios, many)) / len(many),
         answer_s=seconds_of(functools.partial(_ask, design, "surface", TIMED)),
     )
 

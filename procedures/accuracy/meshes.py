@@ -252,10 +252,10 @@ def _limit(design: Design, solved: Results) -> tuple[Array, Array, int]:
     """
     own = refinements(design, PHYSICAL.load(TIMED))["solid"]
     found = [[solved[mesh.at(modulus)].force_ratio for modulus in MODULI] for mesh in own]
-    known = np.array([ratios for ratios in found if None not in ratios], dtype=np.float64)
-    *before, change = np.diff(known, axis=0)
+    answered = np.array([ratios for ratios in found if None not in ratios], dtype=np.float64)
+    *before, change = np.diff(answered, axis=0)
     left = change / 4
     if before:
         falling = np.divide(change, before[-1], out=np.full_like(change, 0.5), where=before[-1] != 0).clip(0.1, 0.5)
         left = change * falling / (1 - falling)
-    return known[-1] + left, np.abs(left), len(known)
+    return answered[-1] + left, np.abs(left), len(answered)

@@ -78,19 +78,19 @@ class Task:
 
     def front(self) -> list[bool]:
         """Of each way, whether no other is nearer and quicker."""
-        known = [
+        pairs = [
             (math.inf if way.error is None or way.method == BOUND else way.error, way.seconds) for way in self.ways
         ]
         return [
-            one[0] < math.inf and not any(other != one and other[0] <= one[0] and other[1] <= one[1] for other in known)
-            for one in known
+            one[0] < math.inf and not any(other != one and other[0] <= one[0] and other[1] <= one[1] for other in pairs)
+            for one in pairs
         ]
 
     def summary(self) -> dict[str, Any]:
         """The task as JSON has it."""
-        told = {"task": self.name, "clock": self.clock, "reference": self.reference}
+        head = {"task": self.name, "clock": self.clock, "reference": self.reference}
         rows = zip(self.ways, self.front(), strict=True)
-        return {**told, "ways": [{**asdict(way), "front": front} for way, front in rows]}
+        return {**head, "ways": [{**asdict(way), "front": front} for way, front in rows]}
 
 
 def seconds_of(call: Callable[[], object]) -> float:
@@ -117,9 +117,11 @@ def of_models(prices: PriceList, design: str) -> Task:
         if (promise := prices.promise(price, at)) is not None
     ]
     (least,) = prices.least(design)[at]
-    known = max(reference.uncertainties[INTERVAL : INTERVAL + 2]) / least
+    reference_u = max(reference.uncertainties[INTERVAL : INTERVAL + 2]) / least
     low, high = (show(modulus, "Pa", 3) for modulus in prices.moduli_Pa[INTERVAL : INTERVAL + 2])
-    return Task(f"force ratio of design {design}, objects of {low} to {high}", "processor", tuple(ways), True, known)
+    return Task(
+        f"force ratio of design {design}, objects of {low} to {high}", "processor", tuple(ways), True, reference_u
+    )
 
 
 def of_estimators(

@@ -111,10 +111,15 @@ def _kept_by(runs: Sequence[Promised]) -> dict[str, Any]:
 
 def _spread(values: Sequence[float | None]) -> Spread | None:
     """Of the values that are known; None: none is."""
-    known = [value for value in values if value is not None]
-    if not known:
+    present = [value for value in values if value is not None]
+    if not present:
         return None
-    return {"count": len(known), "mean": math.fsum(known) / len(known), "least": min(known), "greatest": max(known)}
+    return {
+        "count": len(present),
+        "mean": math.fsum(present) / len(present),
+        "least": min(present),
+        "greatest": max(present),
+    }
 
 
 def _promised(run: Run) -> Promised | None:
@@ -126,8 +131,8 @@ def _promised(run: Run) -> Promised | None:
     planned = run.summary.get("planned")
     bound = _number(planned.get("longest_s")) if isinstance(planned, dict) else None
     within = None if taken is None or bound is None else taken <= bound
-    told = run.folder.name, run.procedure, run.simulated, seconds, taken, u, reached, bound
-    return Promised(*told, _results(run), within, _over(taken, seconds), _over(reached, u))
+    about = run.folder.name, run.procedure, run.simulated, seconds, taken, u, reached, bound
+    return Promised(*about, _results(run), within, _over(taken, seconds), _over(reached, u))
 
 
 def _results(run: Run) -> tuple[dict[str, Any], ...]:
@@ -147,8 +152,8 @@ def _uncertainties(run: Run, key: str) -> dict[tuple[str, str], float | None]:
 
 
 def _number(value: object) -> float | None:
-    known = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
-    return float(value) if known else None  # type: ignore[arg-type]
+    is_number = isinstance(value, (int, float)) and not isinstance(value, bool) and math.isfinite(value)
+    return float(value) if is_number else None  # type: ignore[arg-type]
 
 
 def _over(achieved: float | None, predicted: float | None) -> float | None:
@@ -168,8 +173,8 @@ def print_promises(kept: StoredPromises, store: Path) -> None:
     results = new_table(None, "procedure", "result", "runs", "u over\npredicted", "least to\ngreatest")
     for each in kept.procedures():
         bench, within = "simulated" if each["simulated"] else "real", each["within_bound"]
-        told = "-" if within is None else f"{within['share']:.0%} of {within['count']}"
-        table.add_row(each["procedure"], bench, str(each["runs"]), *_cells(each["seconds_over_predicted"]), told)
+        kept_share = "-" if within is None else f"{within['share']:.0%} of {within['count']}"
+        table.add_row(each["procedure"], bench, str(each["runs"]), *_cells(each["seconds_over_predicted"]), kept_share)
         first = f"{each['procedure']}{'' if each['simulated'] else ', real'}"
         for result in each["results"]:
             spread = result["u_over_predicted"]

@@ -87,8 +87,8 @@ def front_command(
         raise UsageError("--absolute and --relative-to-model: they are each other's contrary; give one of them")
     check_new(out, FORMATS)
     target = with_films(choose(bench, scene).target)
-    known = "4" if sample is None and modulus is None else sample
-    touched = None if known is None else get_sample(known)
+    touched_name = "4" if sample is None and modulus is None else sample
+    touched = None if touched_name is None else get_sample(touched_name)
     object_ = object_to_touch(target.design, touched, modulus, thickness, real=False)
     tolerance = settings.get("tolerance") or TOLERANCE
     asked = made(
@@ -96,7 +96,7 @@ def front_command(
     )
     with output.prices():
         asked.check(target)
-        command = _command(asked, known, thickness, scene, bench)
+        command = _command(asked, touched_name, thickness, scene, bench)
         front = ModulusFront.of(asked.plans_on(target), object_.modulus, command)
     plot = None if out is None else str(out.absolute())
     if out is not None:
@@ -109,7 +109,7 @@ def front_command(
 
         print_front(front, bench is None, "" if out is None else plot or "none: no plan reaches ± 50 %")
 
-    head = {"simulated": bench is None, "design": target.design.name, "sample": known}
+    head = {"simulated": bench is None, "design": target.design.name, "sample": touched_name}
     output.result(lambda: {**head, **front.summary(), "plot": plot}, show)
     return 1 if front.asked is None else 0
 
@@ -131,8 +131,8 @@ def _command(
         "--mounting-freedom": None if asked.mounting_freedom is None else f"{asked.mounting_freedom:.10g}",
     }
     usual = {"--frequency": "10 Hz", "--model": "auto"}
-    told = {name: value for name, value in given.items() if value is not None and usual.get(name) != value}
-    return words + [word for each in told.items() for word in each]
+    options = {name: value for name, value in given.items() if value is not None and usual.get(name) != value}
+    return words + [word for each in options.items() for word in each]
 
 
 # --- The command palpate accuracy promises -------------------------------------------------------------
@@ -297,5 +297,5 @@ def numerics(design: str | None, store: bool, out: Path | None, as_json: bool, q
 
         print_numerics(tasks, prices.machine.provenance(this_machine()), plot)
 
-    told = {"machine": asdict(prices.machine), "tasks": [task.summary() for task in tasks]}
-    output.result(lambda: {**told, "plot": plot}, show)
+    document = {"machine": asdict(prices.machine), "tasks": [task.summary() for task in tasks]}
+    output.result(lambda: {**document, "plot": plot}, show)

@@ -155,13 +155,13 @@ def surfaces(design: str | None, store: bool, as_json: bool, quiet: bool) -> Non
             {
                 "design": name,
                 "parameters": parameters,
-                "model": known.model,
-                "meshes": len(known.meshes),
-                "poles": len(known.poles.rates),
+                "model": curves.model,
+                "meshes": len(curves.meshes),
+                "poles": len(curves.poles.rates),
                 "discretisation": error,
-                "build_s": known.seconds,
+                "build_s": curves.seconds,
             }
-            for (name, parameters), (known, error) in found.items()
+            for (name, parameters), (curves, error) in found.items()
         ]
         output.json({"surfaces": rows})
     elif output.for_people:

@@ -69,13 +69,13 @@ def limits_given(output: Output) -> LimitsFile | None:
 
 def check_limits(limits: LimitsFile, procedure: Procedure[S, P, R], ahead: Plan[S], output: Output) -> None:
     """Refuse limits that no result of a plan can have; tell of those that only the result tells, or cannot decide."""
-    told = {
+    declared = {
         f"only the result tells whether it has what {limits.where} limits": limits.open_names(
             procedure.point, [each.name for each in expected_of(ahead)]
         ),
         "there is no standard uncertainty, so the verdict will be undecided": limits.without_u(procedure.point),
     }
-    for what, names in told.items():
+    for what, names in declared.items():
         if names and not output.quiet:
             say(f"palpate: note: {what}: {', '.join(names)}", err=True)
 
@@ -201,12 +201,12 @@ def tell_result(
     budgets: Sequence[Budget | Propagated] = (),
 ) -> None:
     """Show the result of a run, as JSON or by `show` for people, with its budgets if they are asked for."""
-    told = [each.summary() for each in budgets] if output.budgets else []
+    written = [each.summary() for each in budgets] if output.budgets else []
     if output.as_json:
-        output.json({**found, "budgets": told} if output.budgets else found)
+        output.json({**found, "budgets": written} if output.budgets else found)
     elif output.for_people:
         from palpate.procedures.showing.budget import show_budgets
 
-        print_all(*show(), *show_budgets(told, bool(found["simulated"])))
+        print_all(*show(), *show_budgets(written, bool(found["simulated"])))
         if output.budgets and not budgets:
             say("this procedure gives no uncertainty budget; its points and results have their uncertainties")

@@ -200,8 +200,8 @@ def show(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
 
     output = Output(as_json, quiet)
     opened = Run.open(find_run(run, out or store()))
-    told = opened.digest(), opened.signal_digest(), unfinished(opened)
-    output.result(lambda: run_object(opened, *told), lambda: print_run(opened, *told))
+    facts = opened.digest(), opened.signal_digest(), unfinished(opened)
+    output.result(lambda: run_object(opened, *facts), lambda: print_run(opened, *facts))
 
 
 @runs.command(
@@ -239,7 +239,7 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
         comparisons = compared(found)
         file = write_page(report_page(found, comparisons), out, folders[0])
     if as_json:
-        told = [
+        listed = [
             {"run": str(each.folder), "damaged": bool(each.faults), "warning": each.warning or None}
             | (each.judged.summary() if each.judged else {})
             for each in found
@@ -247,7 +247,9 @@ def report(run: tuple[str, ...], out: Path | None, limits: Path | None, as_json:
         gaps = [[each.summary() for each in one.results] for one in comparisons]
         points = [one.points and one.points.summary() for one in comparisons]
         simulated = any(each.run.simulated for each in found)
-        output.json({"report": str(file), "simulated": simulated, "runs": told, "differences": gaps, "points": points})
+        output.json(
+            {"report": str(file), "simulated": simulated, "runs": listed, "differences": gaps, "points": points}
+        )
     warnings = [f"{each.folder}: {each.warning}" for each in found if each.warning]
     for line in (*warnings, str(file)):
         output.line(line)
@@ -274,8 +276,8 @@ def plot(run: str, out: Path | None, as_json: bool, quiet: bool) -> None:
     with reported([folder]) as (found,), after(folder):
         draw_run(found, file)
     if as_json:
-        told = {"run": str(found.folder), "simulated": found.run.simulated, "warning": found.warning or None}
-        output.json({**told, "picture": str(file)})
+        head = {"run": str(found.folder), "simulated": found.run.simulated, "warning": found.warning or None}
+        output.json({**head, "picture": str(file)})
     for line in (*([f"{found.folder}: {found.warning}"] if found.warning else []), str(file)):
         output.line(line)
 

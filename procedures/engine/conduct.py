@@ -252,8 +252,8 @@ class _Promise:
             times = itertools.accumulate((step.seconds_expected for step in self._plan.steps), initial=0.0)
             self._left = [max(self._plan.seconds - time, 0.0) for time in times]
             self._tell(number)
-        told = {"number": number, "points": len(self._plan.steps), "what": what}
-        self._record.tell("step", self._lab.bench.clock.now_ns(), told)
+        data = {"number": number, "points": len(self._plan.steps), "what": what}
+        self._record.tell("step", self._lab.bench.clock.now_ns(), data)
 
     def point(self, number: int, points: Sequence[object]) -> None:
         """Tell what is left with so many steps behind, and these points."""
@@ -263,8 +263,8 @@ class _Promise:
             self._tell(number)
 
     def _tell(self, number: int) -> None:
-        told = {"seconds": self._left[number], "u": self._u}
-        self._record.tell("promise", self._lab.bench.clock.now_ns(), told)
+        data = {"seconds": self._left[number], "u": self._u}
+        self._record.tell("promise", self._lab.bench.clock.now_ns(), data)
 
     def _reached(self, points: Sequence[object]) -> float | None:
         try:

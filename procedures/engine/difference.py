@@ -76,18 +76,18 @@ def check_alike(runs: Sequence[Run]) -> None:
 
 def differences(first: Iterable[Told], other: Iterable[Told]) -> Iterator[Difference]:
     """The differences of all quantities that the budgets of both runs have. Several of one name go by their order."""
-    known = _by_name(other)
+    others = _by_name(other)
     for name, one in _by_name(first).items():
-        if name in known:
-            two = known[name]
+        if name in others:
+            two = others[name]
             yield Difference(one, two, _budget(one, two, frozenset()), _budget(one, two, _shared(one, two)))
 
 
 def _by_name(budgets: Iterable[Told]) -> dict[tuple[str, int], Told]:
     seen: Counter[str] = Counter()
     found = {}
-    for told in budgets:
-        budget = told.get("budget", told)
+    for entry in budgets:
+        budget = entry.get("budget", entry)
         seen[budget["quantity"]] += 1
         found[budget["quantity"], seen[budget["quantity"]]] = budget
     return found
@@ -171,9 +171,14 @@ class PointDifference:
 
     def summary(self) -> dict[str, Any]:
         """The difference for JSON."""
-        told = {"first": self.first.value, "first_u": self.first.u, "other": self.other.value, "other_u": self.other.u}
+        values = {
+            "first": self.first.value,
+            "first_u": self.first.u,
+            "other": self.other.value,
+            "other_u": self.other.u,
+        }
         own = {"difference": self.value, "u": self.u, "in_u": self.in_u}
-        return {"step": dict(self.step), "quantity": self.quantity, "unit": self.unit, **told, **own}
+        return {"step": dict(self.step), "quantity": self.quantity, "unit": self.unit, **values, **own}
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,8 +201,8 @@ class ComparedPoints:
     def summary(self) -> dict[str, Any]:
         """The comparison for JSON."""
         compared, greatest = len(self.differences), self.differences[:GREATEST]
-        told = {"compared": compared, "beyond_2_u": self.far, "by_chance": BY_CHANCE * compared, "alone": self.alone}
-        return {**told, "greatest": [each.summary() for each in greatest]}
+        counts = {"compared": compared, "beyond_2_u": self.far, "by_chance": BY_CHANCE * compared, "alone": self.alone}
+        return {**counts, "greatest": [each.summary() for each in greatest]}
 
 
 def compared_points(
@@ -210,15 +215,15 @@ def compared_points(
         asked: those that tell of which step a point is. The n-th points of one step belong together.
         first, other: points of the runs, as they are stored.
     """
-    known = {name: column for name, column in columns.items() if column.u}
-    one, two = (_placed(known, asked, points) for points in (first, other))
+    judged = {name: column for name, column in columns.items() if column.u}
+    one, two = (_placed(judged, asked, points) for points in (first, other))
     found = []
     for place, estimate in one.items():
         if place in two:
             name, number, nth, *step = place
-            told = dict(zip(asked, step, strict=True)) | {"set": nth}
+            place_of_point = dict(zip(asked, step, strict=True)) | {"set": nth}
             quantity = str(name) if number == 1 and (name, 2, nth, *step) not in one else f"{name} {number}"
-            found.append(PointDifference(told, quantity, known[str(name)].unit, estimate, two[place]))
+            found.append(PointDifference(place_of_point, quantity, judged[str(name)].unit, estimate, two[place]))
     found.sort(key=lambda each: abs(each.in_u), reverse=True)
     return ComparedPoints(found, (len(one) - len(found), len(two) - len(found)))
 

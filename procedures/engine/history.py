@@ -80,7 +80,7 @@ class Series:
     def summary(self) -> dict[str, Any]:
         """The series for JSON."""
         low, high = self.drift.interval()
-        told = [
+        runs = [
             {"run": str(run.folder), "started": run.started.isoformat(), "value": value, "u": u}
             | {**asdict(check), "alarms": list(check.alarms)}
             for run, value, u, check in zip(self.runs, self.values, self.us, self.checks, strict=True)
@@ -91,7 +91,7 @@ class Series:
             of_drift = dict.fromkeys(of_drift)
         return {
             **self.conditions,
-            "runs": told,
+            "runs": runs,
             "alarms": sum(bool(check.alarms) for check in self.checks),
             "span_s": self.span.total_seconds(),
             "tolerance": self.tolerance,
@@ -130,7 +130,7 @@ def history(found: Iterable[RunSummary], quantity: str, tolerance: str | None, n
         UnknownName: no run has the quantity. UsageError: no run is complete, no two under like conditions have it with
             its uncertainty, a run is of a time to come, or the tolerance cannot be one.
     """
-    known, left_out, present = set[str](), dict[str, str](), False
+    names, left_out, present = set[str](), dict[str, str](), False
     alike: dict[str, list[tuple[Run, float, float, dict[str, Any]]]] = {}
     complete = [each for each in found if each.status == "complete"]
     if not complete:
@@ -139,7 +139,7 @@ def history(found: Iterable[RunSummary], quantity: str, tolerance: str | None, n
         try:
             run = Run.open(summary.folder)
             quantities = quantities_of(run)
-            known |= {name for name, each in quantities.items() if any(value.estimate for value in each.values)}
+            names |= {name for name, each in quantities.items() if any(value.estimate for value in each.values)}
             if quantity not in quantities:
                 continue
             present = True
@@ -150,7 +150,7 @@ def history(found: Iterable[RunSummary], quantity: str, tolerance: str | None, n
         except (RecordError, EstimateError) as error:
             left_out[summary.folder.name] = str(error)
     if not present:
-        raise UnknownName("quantity with an uncertainty in these complete runs", quantity, known)
+        raise UnknownName("quantity with an uncertainty in these complete runs", quantity, names)
     series = []
     for runs in alike.values():
         if len({run.started for run, *_ in runs}) > 1:
@@ -193,12 +193,14 @@ def _check_order(run: Run) -> None:
 
 def _value(found: FoundQuantity) -> tuple[float, float]:
     """The value of a run and its standard uncertainty. Raises EstimateError: it has none that can be compared."""
-    known = [each.estimate for each in found.values if each.estimate is not None and each.estimate.u > 0]
+    estimates = [each.estimate for each in found.values if each.estimate is not None and each.estimate.u > 0]
     if found.left_out:
         raise EstimateError(f"{counted(found.left_out, 'point')} not valid")
-    if not known or len(known) < len(found.values):
+    if not estimates or len(estimates) < len(found.values):
         raise EstimateError("it has no standard uncertainty there, so drift and scatter cannot be told apart")
-    return math.fsum(each.value for each in known) / len(known), math.fsum(each.u for each in known) / len(known)
+    return math.fsum(each.value for each in estimates) / len(estimates), math.fsum(each.u for each in estimates) / len(
+        estimates
+    )
 
 
 def _conditions(run: Run, found: FoundQuantity) -> dict[str, Any]:

@@ -130,8 +130,8 @@ class Expected:
 
 def predicted(steps: Sequence[Step], results: Sequence[Expected], u: float | None = None) -> Predicted:
     """The prediction of a run by its steps and its results; `u`: None: the greatest relative uncertainty among them."""
-    told = {RESULTS: [asdict(each) for each in results]}
-    return Predicted(math.fsum(step.seconds_expected for step in steps), greatest(results) if u is None else u, told)
+    content = {RESULTS: [asdict(each) for each in results]}
+    return Predicted(math.fsum(step.seconds_expected for step in steps), greatest(results) if u is None else u, content)
 
 
 def expected_of(plan: Plan[Any]) -> list[Expected]:
@@ -142,10 +142,10 @@ def expected_of(plan: Plan[Any]) -> list[Expected]:
 def achieved(expected: Sequence[Expected], result: Result) -> list[Expected]:
     """What a run achieved of what was expected of it; a result that the run does not have is left out."""
     linear = [each if isinstance(each, Budget) else each.budget for each in result.budgets]
-    known = {each.quantity: (each.value, each.u) for each in linear} | dict(getattr(result, "unbudgeted", {}))
+    values = {each.quantity: (each.value, each.u) for each in linear} | dict(getattr(result, "unbudgeted", {}))
     found = []
     for each in expected:
-        value, u = known.get(each.name, (0.0, None))
+        value, u = values.get(each.name, (0.0, None))
         if u is None or (each.unit == RELATIVE and not value):
             continue
         found.append(Expected(each.name, u / abs(value) if each.unit == RELATIVE else u, each.unit))

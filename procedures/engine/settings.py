@@ -139,9 +139,9 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
     types = get_type_hints(type(procedure))
     for field in fields(procedure):
         value = getattr(procedure, field.name)
-        told = f"{procedure.name}: {field.name} = {quoted(value)}"
+        what = f"{procedure.name}: {field.name} = {quoted(value)}"
         if isinstance(value, (tuple, list)) and not value and _default(field) not in ((), []):
-            raise UsageError(f"{told}: nothing is given; give at least one")
+            raise UsageError(f"{what}: nothing is given; give at least one")
         try:
             TypeAdapter(types[field.name]).validate_python(
                 tuple(value) if isinstance(value, list) else value, strict=True
@@ -150,7 +150,7 @@ def check_settings(procedure: Procedure[S, P, R]) -> None:
             kind = inspect.formatannotation(types[field.name])
             first = dict(error.errors(include_url=False)[0])
             inside = f": {quoted(first['input'])}" if first["loc"] else ""
-            raise UsageError(f"{told}{inside} {wrong(first)}; its type is {kind}") from None
+            raise UsageError(f"{what}{inside} {wrong(first)}; its type is {kind}") from None
 
 
 def asked_of(kind: type[Procedure[S, P, R]]) -> tuple[SettingField, ...]:

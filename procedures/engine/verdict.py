@@ -214,11 +214,11 @@ class FoundQuantity:
 
 def _of_budgets(budgets: Iterable[Mapping[str, Any]]) -> dict[str, FoundQuantity]:
     found: dict[str, FoundQuantity] = {}
-    for told in budgets:
-        budget = told.get("budget", told)
+    for entry in budgets:
+        budget = entry.get("budget", entry)
         freedom = math.inf if budget["degrees_of_freedom"] is None else budget["degrees_of_freedom"]
-        ends = None if budget is told else (told["low"], told["high"])
-        value = FoundValue(told["value"], Estimate(told["value"], told["u"], freedom, ends))
+        ends = None if budget is entry else (entry["low"], entry["high"])
+        value = FoundValue(entry["value"], Estimate(entry["value"], entry["u"], freedom, ends))
         same = found.get(budget["quantity"], FoundQuantity(budget["unit"], ()))
         found[budget["quantity"]] = FoundQuantity(same.unit, (*same.values, value))
     return found
@@ -259,8 +259,8 @@ def _cells(point: Mapping[str, Any], name: str, u: str) -> Iterator[tuple[Any, A
 
 
 def _measured(value: float | None, u: float | None, point: int) -> FoundValue:
-    known = [None if each is None or not math.isfinite(each) else float(each) for each in (value, u)]
-    return FoundValue(known[0], None if None in known else Estimate(*known), point)  # type: ignore[arg-type]
+    finite = [None if each is None or not math.isfinite(each) else float(each) for each in (value, u)]
+    return FoundValue(finite[0], None if None in finite else Estimate(*finite), point)  # type: ignore[arg-type]
 
 
 def quantities_of(of: Finished[Any] | Result | Run) -> dict[str, FoundQuantity]:
@@ -404,21 +404,21 @@ def _reason(estimate: Estimate, bounds: Bounds, unit: str, decision: Decision, l
     value, nearest = show(estimate.value, unit), bounds.nearest(estimate.value)
     if math.isnan(decision.outside):
         return f"{value} is so far from its prior that they contradict each other; state another prior"
-    told = f"outside with a probability of {percent(decision.outside)}"
+    why = f"outside with a probability of {percent(decision.outside)}"
     if decision.outcome == PASS:
-        return f"{value} is {told}"
+        return f"{value} is {why}"
     if decision.outcome == FAIL:
         side = "below" if decision.below > decision.above else "above"
         return f"{value} is {side} {show(nearest, unit)} with a probability of {percent(decision.outside)}"
     band = guard_band(estimate, bounds)
     if bounds.prior is None and abs(estimate.value - nearest) <= band:
-        told = f"within the guard band of {show(band, unit, 2)} on each side of {show(nearest, unit)}, {told}"
-    told = f"{value} is {told}, and the risk is {percent(bounds.risk)}"
+        why = f"within the guard band of {show(band, unit, 2)} on each side of {show(nearest, unit)}, {why}"
+    why = f"{value} is {why}, and the risk is {percent(bounds.risk)}"
     if least is None:
-        return f"{told}; no uncertainty would decide it"
+        return f"{why}; no uncertainty would decide it"
     would = "pass" if bounds.hold(estimate.value) else "fail"
     now = show(estimate.u, unit, 2)
-    return f"{told}; with a u of {show(least, unit, 2)} or less in the place of {now} it would {would}"
+    return f"{why}; with a u of {show(least, unit, 2)} or less in the place of {now} it would {would}"
 
 
 def percent(probability: float) -> str:

@@ -264,7 +264,7 @@ def check_store(loads: Sequence[float], extrapolate: bool, scene: str | None, to
         ConfigError: the only calibration of the simulated bench has expired or is damaged.
         RangeError, UnreachableError: as `check_loads` raises them.
     """
-    told = False
+    announced = False
     refusals: list[PalpateError] = []
     pattern = path_of(LoadCellCalibration, CalibrationOwner(ANY, scene, scene is not None))
     for path in sorted(pattern.parent.glob(pattern.name)):
@@ -276,12 +276,12 @@ def check_store(loads: Sequence[float], extrapolate: bool, scene: str | None, to
             check_loads(loads, found, extrapolate)
             if scene is not None or not found.simulated:
                 return True
-            told = True
+            announced = True
         except PalpateError as refused:
             refusals.append(refused)
     if scene is not None and refusals:
         raise refusals[0]
-    if not told:
+    if not announced:
         check_loads(loads, THESIS_LOAD_CELL, extrapolate)
     return False
 

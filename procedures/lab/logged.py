@@ -101,7 +101,7 @@ def scene_in(header: Mapping[str, Any], path: Path) -> Scene | None:
 def mounting_in(header: Mapping[str, Any]) -> Mounting:
     """How a run knew what was mounted, from its header."""
     unsaid: Mounting = "assumed" if header["scene"] is None else "simulated"
-    return next((known for known in get_args(Mounting) if known == header.get("mounting")), unsaid)
+    return next((each for each in get_args(Mounting) if each == header.get("mounting")), unsaid)
 
 
 def load_cell_in(header: Mapping[str, Any], where: str) -> LoadCellCalibration:

@@ -189,8 +189,10 @@ def open_bench(
         BenchError: a device cannot be opened or identified.
     """
     named = None if scene is None else str(scene)
-    told = completed(about or {}, store())
-    chosen = choose(None if bench is None else Path(bench), named, seed, model, None, assume_mounted, operator, told)
+    completed_about = completed(about or {}, store())
+    chosen = choose(
+        None if bench is None else Path(bench), named, seed, model, None, assume_mounted, operator, completed_about
+    )
     if log is not None:
         from palpate.drivers.logs.bus_log import check_log
 

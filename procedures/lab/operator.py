@@ -165,9 +165,9 @@ def weaker(before: object, now: Mounting) -> Mounting:
     """How a resumed run knows what was mounted: as in its less certain part, where an unknown old part is "assumed"."""
     if now == "simulated":
         return now
-    known: tuple[Mounting, ...] = get_args(Mounting)
-    then = next((each for each in known if each == before), "assumed")
-    return known[max(known.index(now), known.index(then))]
+    order: tuple[Mounting, ...] = get_args(Mounting)
+    then = next((each for each in order if each == before), "assumed")
+    return order[max(order.index(now), order.index(then))]
 
 
 def confirm(what: str, word: str) -> None:

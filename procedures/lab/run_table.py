@@ -45,11 +45,11 @@ def runs(folder: str | Path | None = None, where: Sequence[str] = ()) -> pd.Data
 def chosen(found: Iterable[RunSummary], where: Sequence[str]) -> list[tuple[RunSummary, dict[str, Any]]]:
     """The runs for which all conditions hold, each with its row. Raises as `runs` does."""
     rows = [(run, row_of(run)) for run in found]
-    known = {key for _, row in rows for key in row}
+    keys = {key for _, row in rows for key in row}
     for text in where:
         key, holds = _condition(text)
-        if rows and key not in known:
-            raise UnknownName("value of these runs", key, sorted(known))
+        if rows and key not in keys:
+            raise UnknownName("value of these runs", key, sorted(keys))
         rows = [(run, row) for run, row in rows if holds(row.get(key))]
     return rows
 

@@ -215,8 +215,8 @@ def _told(lab: Lab, begun: Mapping[str, Any], calibration: Calibration, key: str
     before = begun.get(key)
     if isinstance(before, dict) and before.get("source") != calibration.source:
         doubts.append(f"the run began with {before.get('source')}")
-    told = f"{calibration.source}{calibration.marks()}"
-    return f"{told} ({'; '.join(doubts)})" if doubts else told
+    text = f"{calibration.source}{calibration.marks()}"
+    return f"{text} ({'; '.join(doubts)})" if doubts else text
 
 
 def _reduced(scene: Scene | None) -> Reduced:

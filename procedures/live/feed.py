@@ -167,11 +167,11 @@ class Feed:
                 viewer.gone.set()
 
     def _hello(self) -> bytes:
-        told = {
+        content = {
             "event": "page", "version": VERSION, "every": self._every, "points": self._last, "invalid": self._invalid,
             "controls": list(self.controls), "stored": self.stored,
         }  # fmt: skip
-        return _message(as_json(told))
+        return _message(as_json(content))
 
     def stored_trace(self, point: int) -> bytes:
         """The stored waveforms of a point as a trace in JSON; null: it has none. Raises RecordError."""
@@ -179,9 +179,9 @@ class Feed:
             return b"null"
         same = [wave for wave in waves if wave.rate == waves[0].rate]
         voltage = np.array([wave.samples[-MOST_SAMPLES:] for wave in same])
-        told = {"rate": waves[0].rate, "films": [wave.name for wave in same], "point": point}
-        told["of"] = waves[0].samples.size
-        return _trace_line(Event("trace", 0, {**told, "voltage": voltage})).encode()
+        data = {"rate": waves[0].rate, "films": [wave.name for wave in same], "point": point}
+        data["of"] = waves[0].samples.size
+        return _trace_line(Event("trace", 0, {**data, "voltage": voltage})).encode()
 
 
 def _by_record(folder: Path, points: int) -> Iterator[_Told]:
@@ -215,8 +215,8 @@ def _send(connection: socket, waiting: deque[bytes]) -> None:
 def _trace_line(event: Event) -> str:
     """A trace as a line of JSON; its voltages, rows of one array of little-endian float32, are in base64."""
     voltage = event.data["voltage"][:, -MOST_SAMPLES:].astype("<f4")
-    told = {"samples": voltage.shape[1], "voltage": base64.b64encode(voltage.tobytes()).decode()}
-    return replace(event, data={**event.data, **told}).line()
+    data = {"samples": voltage.shape[1], "voltage": base64.b64encode(voltage.tobytes()).decode()}
+    return replace(event, data={**event.data, **data}).line()
 
 
 def _columns(procedure: str) -> list[dict[str, str]]:

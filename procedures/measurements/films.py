@@ -66,7 +66,7 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.text import new_table, percent, stamped
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, set_names
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.flags import causes
 from palpate.procedures.steps.probe import lower, withdraw
@@ -323,7 +323,7 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
             loads, frequencies = tuple(self.loads), tuple(self.frequencies)
             return self._repeated(FilmRepeats(target.design, cell, loads, frequencies, self.dwell, self.tolerance))
         teeth = range(1, len(target.design.teeth) + 1)
-        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        sets = list(zip(self.loads, set_names(self.loads), strict=True))
         steps = [
             self._step(n, frequency, load, told, first=frequency == self.frequencies[0] and not number)
             for n in teeth

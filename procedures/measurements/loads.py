@@ -64,7 +64,7 @@ from palpate.procedures.showing.figure import name_all, new_figure, plot_over_lo
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.tables import NOTHING, table_of
 from palpate.procedures.showing.text import OUTSIDE, legend, new_table, percent, stamped
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, set_names
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, recording_seconds
 from palpate.procedures.steps.films import check_nodes
 
@@ -464,7 +464,7 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         if self.tolerance is not None and not one_set_suffices(target.design, self.samples, self.tolerance):
             asked = tuple(self.samples), tuple(self.sets), self.frequency, self.tolerance
             return self._repeated(Repeats(target.design, *asked, target.mounts))
-        sets = list(zip(self.sets, told_sets(self.sets), strict=True))
+        sets = list(zip(self.sets, set_names(self.sets), strict=True))
         steps = [
             self._step(target, name, load, load_text, first=not number)
             for name in self.samples

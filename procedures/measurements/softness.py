@@ -61,7 +61,7 @@ from palpate.procedures.showing.figure import logarithmic, name_all, new_figure,
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.showing.tables import table_of
 from palpate.procedures.showing.text import MARKS, legend, stamped
-from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
+from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, set_names
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.flags import CLIPPED
 
@@ -608,7 +608,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
 
     def plan(self, target: Target) -> Plan[TouchStep, Ranking | None]:
         """All points: every load on every object; with a risk, the most sets of each object."""
-        sets = list(zip(self.loads, told_sets(self.loads), strict=True))
+        sets = list(zip(self.loads, set_names(self.loads), strict=True))
         ranking: Ranking | None = None
         if self.risk is not None:
             asked = self.objects, tuple(self.loads), self.frequency, self.dwell, self.risk, self.sets

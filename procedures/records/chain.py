@@ -86,8 +86,8 @@ class Head:
 
     def packed(self) -> bytes:
         """The bytes of an entry of the head's file."""
-        told = (self.turn, self.frames, self.length, self.points, self.events, self.hash)
-        content = _HEAD.pack(MAGIC, self.chain, *told)
+        numbers = (self.turn, self.frames, self.length, self.points, self.events, self.hash)
+        content = _HEAD.pack(MAGIC, self.chain, *numbers)
         return (content + hashlib.sha256(content).digest()).ljust(SECTOR, b"\0")
 
     def again(self) -> Head:
@@ -235,14 +235,14 @@ class HashChain:
 def opened(path: Path, head_path: Path) -> Iterator[HashChain]:
     """Open the chain in a file, also while it is being written. Raises OSError: no file; ValueError: it is damaged."""
     with ChainFile(path) as file:
-        told = read_head(head_path)
+        head = read_head(head_path)
         while True:
             try:
-                chain = _linked(file, *told, head_path.name)
+                chain = _linked(file, *head, head_path.name)
                 break
             except ValueError:
-                before, told = told, read_head(head_path)
-                if told == before:  # otherwise the chain is being written and grew meanwhile
+                before, head = head, read_head(head_path)
+                if head == before:  # otherwise the chain is being written and grew meanwhile
                     raise
         yield chain
 

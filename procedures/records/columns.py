@@ -100,13 +100,13 @@ def gathered(kind: type[P], *sources: object, **own: object) -> P:
             continue
         having = [each for each in sources if hasattr(each, name)]
         if len(having) > 1:
-            told = " and ".join(type(each).__name__ for each in having)
-            raise ConfigError(f"{kind.__name__}.{name}: {told} both have it; say which is meant: {name}=...")
+            names = " and ".join(type(each).__name__ for each in having)
+            raise ConfigError(f"{kind.__name__}.{name}: {names} both have it; say which is meant: {name}=...")
         if having:
             values[name] = getattr(having[0], name)
         elif field.default is MISSING and field.default_factory is MISSING:
-            told = ", ".join(type(each).__name__ for each in sources) or "nothing"
-            raise ConfigError(f"{kind.__name__}.{name}: it is in none of its sources ({told}); give it: {name}=...")
+            names = ", ".join(type(each).__name__ for each in sources) or "nothing"
+            raise ConfigError(f"{kind.__name__}.{name}: it is in none of its sources ({names}); give it: {name}=...")
     if unknown := sorted(own.keys() - {field.name for field in fields(kind)}):
         raise ConfigError(f"{kind.__name__}.{unknown[0]}: there is no such field; leave {unknown[0]}=... out")
     return kind(**values)

@@ -98,17 +98,17 @@ def events_of(folder: Path, kind: bytes, own: int, content: bytes, bench_ns: int
     """
     if kind not in (HEADER, POINT, EVENT, STATUS):
         return
-    told = json.loads(content)
+    value = json.loads(content)
     if kind == HEADER:
-        yield from begun(folder, told["header"])
+        yield from begun(folder, value["header"])
     elif kind == POINT:
-        yield Event("point", told["bench_ns"], {"id": own, "values": told["data"]})
-    elif kind == EVENT and told["kind"] in ("paused", "resumed"):
-        yield Event(told["kind"], told["bench_ns"], {"message": told["message"]})
+        yield Event("point", value["bench_ns"], {"id": own, "values": value["data"]})
+    elif kind == EVENT and value["kind"] in ("paused", "resumed"):
+        yield Event(value["kind"], value["bench_ns"], {"message": value["message"]})
     elif kind == EVENT:
-        yield Event("incident", told["bench_ns"], {"of": told["kind"], "message": told["message"]})
-    elif told["status"] != "running":
-        yield Event("ended", bench_ns, {"status": told["status"], "summary": told["summary"]})
+        yield Event("incident", value["bench_ns"], {"of": value["kind"], "message": value["message"]})
+    elif value["status"] != "running":
+        yield Event("ended", bench_ns, {"status": value["status"], "summary": value["summary"]})
 
 
 def followed(folder: Path) -> Iterator[Event]:

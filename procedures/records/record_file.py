@@ -188,8 +188,8 @@ def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms
             for first in range(0, samples.size, IN_A_FRAME):
                 frames.append(wave_frame(point_id, name, rate, samples[first : first + IN_A_FRAME], first, dwell))
     listed = as_json([[name, rate, samples.size] for name, rate, samples in stored])
-    told = f',"dwell":{dwell}' if dwell else ""
-    content = f'{{"bench_ns":{bench_ns},"data":{text}{told},"waveforms":{listed}}}'
+    dwell_text = f',"dwell":{dwell}' if dwell else ""
+    content = f'{{"bench_ns":{bench_ns},"data":{text}{dwell_text},"waveforms":{listed}}}'
     if len(content) > LARGEST_ROW:
         raise RangeError(f"point {point_id} has {len(content)} bytes, {LARGEST_ROW} are the most")
     frames.append((POINT, point_id, [content.encode()]))
@@ -199,8 +199,8 @@ def point_frames(point_id: int, data: Mapping[str, object], waveforms: Waveforms
 def wave_frame(point_id: int, name: str, rate: float, samples: np.ndarray, first: int, dwell: int) -> Content:
     """A frame of a waveform's samples, from number `first` on; dwell 0: they are stored with their point."""
     about: dict[str, object] = {"first": first, "name": name, "rate": rate}
-    told = as_json({**about, "dwell": dwell} if dwell else about).encode() + b"\n"
-    return WAVE, point_id, [told, samples.view(np.uint8).data]
+    about_text = as_json({**about, "dwell": dwell} if dwell else about).encode() + b"\n"
+    return WAVE, point_id, [about_text, samples.view(np.uint8).data]
 
 
 def event_frame(event_id: int, kind: str, message: str, bench_ns: int) -> Content:
@@ -281,9 +281,9 @@ class Record:
         """Waveforms in order, one in memory at a time; only those of a point and a name where these are given."""
         for frame in self._points.values():
             if point_id in (None, frame.id):
-                told = self.json(frame)
-                listed = told["waveforms"]
-                whole = whole_waveforms(self._file, self._waves.get(frame.id, []), listed, told.get("dwell", 0))
+                content = self.json(frame)
+                listed = content["waveforms"]
+                whole = whole_waveforms(self._file, self._waves.get(frame.id, []), listed, content.get("dwell", 0))
                 for its_name, rate, _ in listed:
                     if its_name not in whole:
                         raise ValueError(f"waveform {its_name!r} of point {frame.id} is not as it was written")
@@ -292,9 +292,9 @@ class Record:
 
     def stored_waveforms(self, point_id: int) -> Encoded:
         """Name, rate and samples of the waveforms of a point; samples in pieces are not read."""
-        told = self.json(self._points[point_id])
-        if dwell := told.get("dwell", 0):
-            return [(name, rate, InPieces(dwell, size)) for name, rate, size in told["waveforms"]]
+        content = self.json(self._points[point_id])
+        if dwell := content.get("dwell", 0):
+            return [(name, rate, InPieces(dwell, size)) for name, rate, size in content["waveforms"]]
         return [(each.name, each.rate, each.samples) for each in self.waveforms(point_id)]
 
     def unfinished(self) -> Unfinished | None:
@@ -352,8 +352,8 @@ def unpacked(frame: Content, at: int = 0) -> Wave:
     """Read the content of a WAVE frame."""
     _, point_id, parts = frame
     about, _, samples = b"".join(parts).partition(b"\n")
-    told, values = json.loads(about), np.frombuffer(samples, SAMPLE)
-    return Wave(point_id, told.get("dwell", 0), told["first"], told["name"], told["rate"], values, at)
+    content, values = json.loads(about), np.frombuffer(samples, SAMPLE)
+    return Wave(point_id, content.get("dwell", 0), content["first"], content["name"], content["rate"], values, at)
 
 
 def wave_of(file: ChainFile, frame: RecordFrame) -> Wave:

@@ -106,8 +106,8 @@ def changes(before: Mapping[str, Any], now: Mapping[str, Any], where: str) -> li
     """
     parts = comparable(before), comparable(now)
     if before["scene"] is None:
-        known, here = (_bench(header, where) for header in (before, now))
-        parts[0]["bench"], parts[1]["bench"] = compared(known, here)
+        bench_before, here = (_bench(header, where) for header in (before, now))
+        parts[0]["bench"], parts[1]["bench"] = compared(bench_before, here)
     return list(differences(*parts))
 
 
@@ -122,7 +122,7 @@ def comparable(header: Mapping[str, Any]) -> dict[str, Any]:
     if found["scene"] is not None:
         listed.sort()  # they stand in the order of their addresses, which a simulated bench has anew each time
     for title, serial in listed:
-        several = sum(known.partition(" #")[0] == title for known in found["devices"])
+        several = sum(alike.partition(" #")[0] == title for alike in found["devices"])
         found["devices"][f"{title} #{several + 1}" if several else title] = serial
     if found["scene"] is not None:
         found["scene"] = tomllib.loads(found["scene"]["toml"])
@@ -259,8 +259,8 @@ class Resumed(Recorder):
             after += f"; {self._unfinished}, and it {'goes on' if self._replay else 'is taken anew'}"
         marks = [(CONTINUED, after), *((CHANGED, change) for change in found)]
         events = [self._event(kind, message, self._bench_ns, behind) for behind, (kind, message) in enumerate(marks)]
-        known = {"mounting": header["mounting"]} if "mounting" in header else {}
-        self._append([status_frame("running", {}, known), *events], events=len(events))
+        mounting = {"mounting": header["mounting"]} if "mounting" in header else {}
+        self._append([status_frame("running", {}, mounting), *events], events=len(events))
 
     def point(self, data: Mapping[str, object], waveforms: Waveforms, bench_ns: int) -> int:
         """The same as `Recorder.point`, but a point that is stored already is compared with this one.

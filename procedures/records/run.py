@@ -276,11 +276,11 @@ class RunSummary:
 
 def list_runs(store: Path) -> list[RunSummary]:
     """The runs in `store`, newest first; folders without a run are left out."""
-    now, known = time.time_ns(), _indexed(store)
+    now, index = time.time_ns(), _indexed(store)
     entries, runs = dict[str, _Entry](), list[RunSummary]()
     for folder in _folders(store):
         stamp = _stamp(folder)  # before the run is read, so that a change meanwhile shows
-        entry = known.get(folder.name)
+        entry = index.get(folder.name)
         if entry is None or entry.stamp != stamp:
             if not is_run(folder):
                 continue
@@ -292,7 +292,7 @@ def list_runs(store: Path) -> list[RunSummary]:
         runs.append(entry.summary(folder))
         if stamp and max(stamp[2::4]) < now - SETTLED:
             entries[folder.name] = entry
-    if sum(known.get(name) is not entry for name, entry in entries.items()) >= WORTH:
+    if sum(index.get(name) is not entry for name, entry in entries.items()) >= WORTH:
         with contextlib.suppress(OSError):  # as in a store that is read-only: then the runs are read each time
             put_whole(store / INDEX, _text(entries))
     return sorted(runs, key=lambda run: (run.started, run.folder.name), reverse=True)
@@ -367,8 +367,8 @@ def _indexed(store: Path) -> dict[str, _Entry]:
 
 
 def _text(entries: Mapping[str, _Entry]) -> str:
-    told = {name: (each.stamp, each.status, each.points, each.header) for name, each in entries.items()}
-    text = json.dumps(told, separators=(",", ":"))
+    rows = {name: (each.stamp, each.status, each.points, each.header) for name, each in entries.items()}
+    text = json.dumps(rows, separators=(",", ":"))
     return f"{_head(text.encode())}\n{text}"
 
 

@@ -88,11 +88,11 @@ def prediction_sentences(comparison: Comparison, quantity: str, film: str | None
     for series in column.ours:
         chosen = get_parameter_set(series.parameters, series.model)
         if chosen.fitted_to and column.evidence(series, table) is Evidence.PREDICTED:
-            said = (
+            head = (
                 f"{series.parameters} set by {series.model}: fitted on the ring of {RING / 1e3:g} kPa and predicted"
                 f" here, off by {_softer_and_harder(column.difference(series), moduli, ring)}"
             )
-            yield said + (_by_film(columns[film], series.values, moduli, ring) if film is not None else "")
+            yield head + (_by_film(columns[film], series.values, moduli, ring) if film is not None else "")
     yield _scaled(column, REPEATS.get(table.number, table.number), moduli, ring)
 
 
@@ -166,14 +166,14 @@ def compare_single(number: str, parameters: Sequence[str], curves: Curves) -> Co
     force = abs(table.values("force_rigid_N"))
     over_tooth = {f"{name} set ({model})": tooth[name, model] / ratio[name, model] for name, model in ratio}
     over_base = {f"{name} set ({model})": values for (name, model), values in base.items()}
-    said = [
+    sentences = [
         fit_sentence(comparison, "force_rigid_N"),
         odds_sentence(table, "single"),
         *prediction_sentences(comparison, "force_rigid_N", film="voltage_pvdf2_V"),
         voltage_sentence(table, "voltage_pvdf2_V", force, sensor, TOOTH, over_tooth),
         voltage_sentence(table, "voltage_pvdf1_V", abs(table.values("force_total_N")), sensor, BASE, over_base),
     ]
-    return Comparison(table, comparison.columns, tuple(said))
+    return Comparison(table, comparison.columns, tuple(sentences))
 
 
 # --- Tables 4.3 to 4.6 and A2.3 to A2.6: two sensors, on a common base or on different ones, on both rings
@@ -210,7 +210,7 @@ def compare_pair(number: str, parameters: Sequence[str], curves: Curves) -> Comp
     comparison = Comparison(table, columns, ())
     sensor = next(iter(by.values())).sensor
     over = {f"{name} set ({model})": voltage[name, model] / half[name, model] for name, model in half}
-    said = [
+    sentences = [
         fit_sentence(comparison, "force_ratio"),
         odds_sentence(table, design),
         *prediction_sentences(comparison, "force_ratio"),
@@ -219,15 +219,15 @@ def compare_pair(number: str, parameters: Sequence[str], curves: Curves) -> Comp
         ),
     ]  # fmt: skip
     if number in TWINS:
-        said.append(twin_sentence(table, read_table(TWINS[number])))
+        sentences.append(twin_sentence(table, read_table(TWINS[number])))
         apart = [
             f"{float(np.abs(ratio[key] - curves.of(other).force_ratio(moduli)).max()):.1g} by the {key[0]} set"
             for key, other in pair_cases(parameters, "common_base", ring).items()
         ]
-        said.append(
+        sentences.append(
             "the model's ratio on different bases differs from that on a common one by at most " + ", ".join(apart)
         )
-    return Comparison(table, columns, tuple(said))
+    return Comparison(table, columns, tuple(sentences))
 
 
 def twin_sentence(table: ThesisTable, twin: ThesisTable) -> str:
@@ -290,7 +290,7 @@ def compare_theories(parameters: Sequence[str], curves: Curves) -> Comparison:
     """The table's four theories by both definitions of the error, beside the models at the samples' moduli."""
     table = read_table("5.8")
     samples, moduli = _samples(table), sample_moduli()
-    columns, said = [], []
+    columns, sentences = [], []
     for name, (design, theories_of_ours, source, of_experiment) in THEORIES.items():
         errors = table.columns[f"{name}_error_percent"]
         ours = tuple(
@@ -307,7 +307,7 @@ def compare_theories(parameters: Sequence[str], curves: Curves) -> Comparison:
             columns.append(
                 ComparedColumn(f"{name}_{definition}", cells, ours, goal, () if source is None else (source,))
             )
-        said.append(_definition(name, theories, taken, source, moduli))
+        sentences.append(_definition(name, theories, taken, source, moduli))
     shown = {column.quantity: column.cells for column in columns}
     samples_only = ThesisTable(
         table.number, table.title, table.key, samples, MappingProxyType(shown),
@@ -318,13 +318,13 @@ def compare_theories(parameters: Sequence[str], curves: Curves) -> Comparison:
     for name, (*_, of_experiment) in THEORIES.items():
         quantity = f"{name}_{OF_EXPERIMENT if of_experiment else OF_THEORY}"
         if any(column.ours for column in columns if column.quantity == quantity):
-            said.append(fit_sentence(comparison, quantity))
+            sentences.append(fit_sentence(comparison, quantity))
     if "physical" in parameters:
-        said.append("single_vs_2D: the beam's thickness and length were chosen to meet this column: a fit")
-        said.append(program_sentence(moduli))
+        sentences.append("single_vs_2D: the beam's thickness and length were chosen to meet this column: a fit")
+        sentences.append(program_sentence(moduli))
     else:
-        said.append("single_vs_2D: the beam has no identified set, so that nothing of ours stands beside it")
-    return Comparison(samples_only, tuple(columns), tuple(said))
+        sentences.append("single_vs_2D: the beam has no identified set, so that nothing of ours stands beside it")
+    return Comparison(samples_only, tuple(columns), tuple(sentences))
 
 
 def program_sentence(moduli: Array) -> str:
@@ -431,29 +431,29 @@ def compare_position(parameters: Sequence[str], curves: Curves) -> Comparison:
     comparison = Comparison(table, columns, ())
     thesis = table.values("force_pvdf3_N")
     middle, above, edge = len(x) // 2, int(np.argmax(thesis)), 0
-    said = [
+    sentences = [
         f"the object's modulus is not printed: {POINT_MODULUS / 1e3:g} kPa is taken, at which Table A2.3 has the force"
         f" ratio {_at_modulus():.4f}; A2.7 has {table.values('force_ratio')[middle]:.4f} between the teeth",
         *(fit_sentence(comparison, quantity) for quantity in ("force_pvdf3_N", "force_pvdf1_N", "force_ratio")),
     ]
     for (name, _), force in left.items():
-        said.append(
+        sentences.append(
             f"left tooth, {name} set: between the teeth {force[middle]:.3f} N (thesis {thesis[middle]:.3f}), above the"
             f" tooth {force[above]:.3f} N (thesis {thesis[above]:.3f}), at the edge {force[edge]:.3f} N (thesis"
             f" {thesis[edge]:.3f}), least {force.min():.3f} N (thesis {thesis.min():.5f})"
         )
     over = ", ".join(f"{name} set {_span(force)}" for (name, _), force in left.items())
-    said.append(
+    sentences.append(
         f"the thesis' force hardly depends on the place of a load beside a tooth ({_span(thesis)} over 3 mm; {over}),"
         " as where the ring's top stays level. Below zero, our model holds the contact where it would lift off"
     )
     if CAPPED in position_sets(parameters):
-        said.append(
+        sentences.append(
             "the capped set is a fit to this table: a rigid cap that keeps each ring's top level, Poisson ratios 0.3,"
             f" an object of 0.8 mm and {CAPPED_MODULUS / 1e3:g} kPa. At that modulus Table A2.3 has the force ratio"
             f" {table_ratio('A2.3', np.array([CAPPED_MODULUS]))[0]:.3f}: the two tables are not of one object"
         )
-    return Comparison(table, columns, tuple(said))
+    return Comparison(table, columns, tuple(sentences))
 
 
 def _span(forces: np.ndarray) -> str:

@@ -58,11 +58,11 @@ def calibration_rows(found: LoadCellResult) -> RowTable:
     ):
         cell = TableCell("", float(getattr(thesis, name)), "not printed: the line through the readings")
         rows.append(Row("line", name, cell, value, u, WENT_IN))
-    said = (
+    sentences = (
         f"sensitivity {thesis.sensitivity_mV_per_N:.3f} mV/N by the line; the printed 0.1053 mV/N is mV per gram-force,"
         f" {0.1053 / 9.80665e-3:.2f} mV/N, and takes no zero into account",
     )
-    return RowTable("5.1", table.title, table.doubt, tuple(rows), said)
+    return RowTable("5.1", table.title, table.doubt, tuple(rows), sentences)
 
 
 def compression_rows(number: str, sample: str, found: ModulusResult) -> RowTable:
@@ -82,12 +82,12 @@ def compression_rows(number: str, sample: str, found: ModulusResult) -> RowTable
     mean = float(printed.mean())
     group = RowCorrelation("mean modulus", tangent_u, 0.0)
     rows.append(Row("mean", "modulus_Pa", TableCell(f"{mean:.1f}", mean), tangent, tangent_u, WENT_IN, group=group))
-    said = (
+    sentences = (
         f"sample {sample}: ours up to a strain of {max(p.strain for p in points):.2f}, by the face of 1 cm2 and the"
         " calibration of Table 5.1; the scatter stated is that of the thesis' moduli, and our standard uncertainty",
         "the readings themselves are not compared: at the printed moduli they would be 9.5 times smaller",
     )
-    return RowTable(number, table.title, table.doubt, tuple(rows), said)
+    return RowTable(number, table.title, table.doubt, tuple(rows), sentences)
 
 
 def catalogue_rows(tested: Mapping[str, ModulusResult]) -> RowTable:
@@ -100,8 +100,8 @@ def catalogue_rows(tested: Mapping[str, ModulusResult]) -> RowTable:
         cell = TableCell(f"{low[index]:g} to {high[index]:g}", float(np.mean([low[index], high[index]])))
         # Half the range is two standard uncertainties, so that a modulus inside the range is within.
         rows.append(Row(row, "modulus_Pa", cell, ours, float(high[index] - low[index]) / 4, WENT_IN))
-    said = ("thesis: the middle of the catalogue's range; half the range counts as two standard uncertainties",)
-    return RowTable("5.4", table.title, table.doubt, tuple(rows), said)
+    sentences = ("thesis: the middle of the catalogue's range; half the range counts as two standard uncertainties",)
+    return RowTable("5.4", table.title, table.doubt, tuple(rows), sentences)
 
 
 # --- What the waveforms of a simulated sweep show, as they were recorded: the oscilloscope's reading, and distortion
@@ -144,16 +144,18 @@ def read_traces(folder: Path, design: Design, frequency: float) -> Traces:
     return found
 
 
-def traces_said(design: Design, points: Mapping[str, PointTraces]) -> str:
+def distortion_sentence(design: Design, points: Mapping[str, PointTraces]) -> str:
     """Sentence on what the oscilloscope shows, and on the distortion of every film by sample (thesis 5.4.1)."""
-    told = "; ".join(
+    listed = "; ".join(
         f"{film.name} " + ", ".join(_said(key, traces.distortions[number]) for key, traces in points.items())
         for number, film in enumerate(design.films)
     )
-    why = "* more than noise explains" if "*" in told else "noise explains all of it: no effect of this scene distorts"
+    why = (
+        "* more than noise explains" if "*" in listed else "noise explains all of it: no effect of this scene distorts"
+    )
     return (
         "our oscilloscope shows the base films' force in mV of the load cell, one sweep on 8 bits. Total harmonic"
-        f" distortion in percent (u), by film and sample: {told} ({why}; the thesis saw it under samples 2 and 5)"
+        f" distortion in percent (u), by film and sample: {listed} ({why}; the thesis saw it under samples 2 and 5)"
     )
 
 
@@ -262,11 +264,11 @@ def between_samples(numbers: Iterable[str], film: tuple[str, str]) -> float:
     return float(np.std(gains, ddof=1) / np.mean(gains)) if len(gains) > 1 else 0.0
 
 
-def load_told(table: ThesisTable, set_loads: Iterable[float]) -> float:
+def mean_sum(table: ThesisTable, set_loads: Iterable[float]) -> float:
     """Load by the thesis' own base films over the set load, in the mean over a table."""
     bases = [column for column in table.columns if "total" in column and column.endswith("_N")]
-    told = sum(table.values(column) for column in bases)
-    return float(np.mean(told / np.array(list(set_loads))))
+    total = sum(table.values(column) for column in bases)
+    return float(np.mean(total / np.array(list(set_loads))))
 
 
 def _read(film: Film, names: tuple[str, str], voltage: Value, force: Value, expected: Expected) -> list[Quantity]:
@@ -371,8 +373,10 @@ def compare_experiment(
     found = _table(arrangement, number, points, traces, ratio)
     means = [] if arrangement.tables else [_average(design, swept, key, ratio, number) for key in SAMPLES]
     order = f"softness order of ours, hard to soft: {' > '.join(swept.softness_order)}: {_order(swept, design)}"
-    said = traces_said(design, {key: traces[point.sample, point.load_N] for key, point in points.items()})
-    yield replace(found, rows=(*found.rows, *means), sentences=(order, *found.sentences, said))
+    distortions = distortion_sentence(
+        design, {key: traces[point.sample, point.load_N] for key, point in points.items()}
+    )
+    yield replace(found, rows=(*found.rows, *means), sentences=(order, *found.sentences, distortions))
 
 
 def _at(swept: SweepResult, sample: str, load: float) -> LoadPoint:
@@ -384,7 +388,7 @@ def _table(
 ) -> RowTable:
     """Cells of every row beside the point with that key."""
     table, design = read_table(number), get_design(arrangement.design)
-    load_factor = load_told(table, [point.load_N for point in points.values()])
+    load_factor = mean_sum(table, [point.load_N for point in points.values()])
     of_one_sample = number in arrangement.tables.values()
     rows = [
         _row(table, key, quantity, point, arrangement, ratio, load_factor, of_one_sample)
@@ -393,13 +397,13 @@ def _table(
         if quantity.column in table.columns
     ]
     off = abs(load_factor - 1) > WITHIN * math.hypot(LOAD_OFFSET, LOAD_BETWEEN)
-    said = (
+    sentences = (
         f"the thesis' own base films tell of {load_factor:.3f} times the set load in the mean, more than its loads"
         " scatter. All its forces and voltages are off by that factor, its ratios are not; the test for a bias"
         " divides by it",
     )
     again = bool(arrangement.tables) and not of_one_sample
-    return RowTable(number, table.title, table.doubt, tuple(rows), said if off else (), design.name, again=again)
+    return RowTable(number, table.title, table.doubt, tuple(rows), sentences if off else (), design.name, again=again)
 
 
 def _row(
@@ -515,10 +519,10 @@ def compare_blind(arrangement: Arrangement, parameters: str, swept: SweepResult)
         percent[sample] = 100 * (ours / measured - 1)
     found = Validation(design.name, parameters, BLIND_MODEL, "compared", percent=percent)
     title = f"blind run of {design.name}, which knows nothing of the means beside it"
-    said = (distance_sentence(found), _own_theory(design.name), OTHER_SIGN)
+    sentences = (distance_sentence(found), _own_theory(design.name), OTHER_SIGN)
     number = f"{' to '.join(dict.fromkeys((tables[0], tables[-1])))}, {parameters} set"
     name = f"blind_{design.name}_{parameters}"
-    return RowTable(number, title, "", tuple(rows), said, name=name), found
+    return RowTable(number, title, "", tuple(rows), sentences, name=name), found
 
 
 def distance_sentence(found: Validation) -> str:
@@ -564,7 +568,7 @@ def percent_definitions() -> RowTable:
     No scatter is known for a percentage, so nothing is judged. The sentences say which definition fits.
     """
     table = read_table("5.8")
-    rows, said = [], []
+    rows, sentences = [], []
     for name in THEORIES:
         cells = table.columns[f"{name}_error_percent"]
         by, evidence = "the thesis", Evidence.INPUT
@@ -579,13 +583,13 @@ def percent_definitions() -> RowTable:
                 for row, cell, ours in zip(table.rows, cells, percent, strict=True)
             ]
         best = min(misfit, key=lambda definition: misfit[definition])
-        said.append(
+        sentences.append(
             f"{name}, {by}: percent of the {best} fits best, {misfit[best]:.1f} points rms; of the other"
             f" {max(misfit.values()):.1f}"
         )
     title = "the thesis' own numbers, in percent of the theory and of the experiment: which it means"
     return RowTable(
-        "5.8 (definitions)", title, table.doubt, tuple(rows), tuple(said), name="5_8_definitions", again=True
+        "5.8 (definitions)", title, table.doubt, tuple(rows), tuple(sentences), name="5_8_definitions", again=True
     )
 
 
@@ -634,7 +638,7 @@ def percent_of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> 
                 )
                 for row, cell, found, spread in zip(table.rows, cells, ours, [*each, of_mean], strict=True)
             ]  # fmt: skip
-    said = (
+    sentences = (
         "sign: the experiment less the theory, positive where the experiment lies above; percent of the theory for the"
         " single sensor, of the experiment for common and different bases, as the thesis has it",
         "the experiments are the bench's mean ratios, into which the thesis' own means went; fitted or predicted"
@@ -642,7 +646,7 @@ def percent_of_bench(theories: Comparison, swept: Mapping[str, SweepResult]) -> 
         *averages,
     )
     title = "percent errors of our bench's experiments against our models"
-    return RowTable("5.8", title, table.doubt, tuple(rows), said, name="5_8_percent", again=True)
+    return RowTable("5.8", title, table.doubt, tuple(rows), sentences, name="5_8_percent", again=True)
 
 
 def percent_errors(experiment: Array, theory: Array, to_experiment: bool) -> Array:

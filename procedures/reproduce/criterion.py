@@ -61,15 +61,15 @@ def odds_sentence(table: ThesisTable, design: str) -> str:
     """
     own, softer = fitted_line(table), ring_of(table) == RING
     evidence = "fitted to this ring" if softer else "fitted on the other ring, a prediction on this one"
-    said = (
+    head = (
         f"odds of tooth to ring R/(1-R) are {own.start:.5f} + {own.slope:.6f} E1/E2, to {own.residual:.1e} of R at"
         f" worst; by model column_fitted, {evidence}, to {distance(LINES[design], table):.1e}"
     )
     if not (softer and table.number.startswith("A")):
-        return said
+        return head
     low, high = moduli_of_experiments(design)
     return (
-        f"{said}. So two springs, the object over the tooth and the object in series with the ring, do what the thesis'"
+        f"{head}. So two springs, the object over the tooth and the object in series with the ring, do what the thesis'"
         " finite elements do. By the inverse the experiments' mean ratios are those of objects"
         f" {low:.2f} to {high:.2f} times as hard as the samples"
     )
@@ -77,10 +77,10 @@ def odds_sentence(table: ThesisTable, design: str) -> str:
 
 def moduli_of_experiments(design: str) -> tuple[float, float]:
     """Moduli by the line from the experiments' mean ratios, over the samples' moduli: least and greatest."""
-    known = get_design(design)
+    of_design = get_design(design)
     shares = [
-        LINES[design].modulus_ratio(ratio) * known.ring.material.modulus / get_sample(name).modulus
-        for name, ratio in known.thesis_force_ratio.items()
+        LINES[design].modulus_ratio(ratio) * of_design.ring.material.modulus / get_sample(name).modulus
+        for name, ratio in of_design.thesis_force_ratio.items()
     ]
     return min(shares), max(shares)
 

@@ -51,16 +51,16 @@ DIGITS = 10  # of a modulus: nodes differ by rounding from machine to machine
 class Solutions:
     """Known solutions, and the solutions that were asked for so far."""
 
-    known: dict[str, list[float]] = field(default_factory=dict)
+    kept: dict[str, list[float]] = field(default_factory=dict)
     asked: dict[str, list[float]] = field(default_factory=dict)
 
     @classmethod
     def shipped(cls, file: Path = SHIPPED) -> Self:
         """Solutions that come with palpate. Raises ConfigError: the file is damaged."""
         try:
-            known = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
-            if all(isinstance(number, float) for numbers in known.values() for number in numbers):
-                return cls(known)
+            ratios = json.loads(file.read_text(encoding="utf-8")) if file.exists() else {}
+            if all(isinstance(number, float) for numbers in ratios.values() for number in numbers):
+                return cls(ratios)
         except (OSError, ValueError, AttributeError, TypeError, RecursionError):
             pass
         raise ConfigError(f"{file}: is damaged; solve anew: palpate reproduce models --fresh")
@@ -76,7 +76,7 @@ class Solutions:
         rounded = replace(parameters, sensed_modulus=modulus).canonical()
         text = f"{CODE_VERSION};{type(parameters).__name__};{what};{rounded}"
         key = hashlib.sha256(text.encode()).hexdigest()[:32]
-        self.asked[key] = self.known[key] if key in self.known else list(solve())
+        self.asked[key] = self.kept[key] if key in self.kept else list(solve())
         return self.asked[key]
 
     def write(self, folder: Path) -> Path:

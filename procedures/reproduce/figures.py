@@ -521,7 +521,7 @@ def _draw_with_theories(
     """Draw experiments and theories of the thesis and ours. Raises RecordError."""
     drawing, (axes,) = canvas(figure.number, simulated=True)
     moduli = np.geomspace(*RANGE, 40)
-    said = []
+    models = []
     for line, style, marker in zip(figure.theories, ("-", "--"), ("x", "+"), strict=False):
         at, ratios = line.thesis()
         inside = at <= RANGE[1]
@@ -535,7 +535,7 @@ def _draw_with_theories(
                 moduli, line.ours(name, moduli, curves), style, color=color, lw=1.3,
                 label=f"ours, {line.words}: {by}, {_of_both(line, name, figure)}",
             )  # fmt: skip
-            said.append(f"{line.words}, model {line.model}, {name} set: {line.evidence(name).value}")
+            models.append(f"{line.words}, model {line.model}, {name} set: {line.evidence(name).value}")
     _experiment(axes, figure.design, measured, "C3")
     for (design, name), swept in measured.blind.items():
         if design == figure.design:
@@ -549,7 +549,7 @@ def _draw_with_theories(
         f" {_evidence_sentence(measured, figure.design)}. In the curves' colours: the same benches by finite"
         f" elements of that set (model {BLIND_MODEL}) in the place of the means. Curves: ours on the ring of 24 kPa;"
         f" none is fitted to these"
-        f" experiments; beside the crosses they are: {'; '.join(said)}."
+        f" experiments; beside the crosses they are: {'; '.join(models)}."
         + (ROUND if any(line.model == "axisymmetric" for line in figure.theories) else "")
     )
     return save(drawing, figure.number, caption, folder)

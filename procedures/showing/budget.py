@@ -14,26 +14,31 @@ def show_budgets(budgets: Iterable[Mapping[str, Any]], simulated: bool) -> list[
     `budgets` are as `Budget.summary` and the record have them.
     """
     shown: list[object] = []
-    for told in budgets:
-        known = told.get("budget", told)
-        unit = f" {known['unit']}" if known["unit"] else ""
-        adds = f"adds ({known['unit']})" if unit else "adds"
+    for given in budgets:
+        budget = given.get("budget", given)
+        unit = f" {budget['unit']}" if budget["unit"] else ""
+        adds = f"adds ({budget['unit']})" if unit else "adds"
         table = new_table(
-            stamped(simulated, f"Uncertainty of {known['quantity']} = {known['value']:.5g}{unit}"),
+            stamped(simulated, f"Uncertainty of {budget['quantity']} = {budget['value']:.5g}{unit}"),
             "component", "kind", "u", "sensitivity", adds, "share",
             "degrees of freedom",
         )  # fmt: skip
         table.columns[0].justify = "left"
-        for row in known["components"]:
+        for row in budget["components"]:
             table.add_row(
                 row["name"], row["kind"], f"{row['u']:.2g}", f"{row['sensitivity']:.3g}",
                 f"{abs(row['contribution']):.2g}", f"{row['share']:.1%}", number(row["degrees_of_freedom"]),
             )  # fmt: skip
         related = [
-            f"correlation {entry['coefficient']:.3g} of {' and '.join(entry['of'])}" for entry in known["correlations"]
+            f"correlation {entry['coefficient']:.3g} of {' and '.join(entry['of'])}" for entry in budget["correlations"]
         ]
-        dof = known["degrees_of_freedom"]
+        dof = budget["degrees_of_freedom"]
         freedom = "" if dof is None else f" with {dof:.3g} degrees of freedom"
-        combined = f"combined {known['u']:.2g}{unit}{freedom}"
-        shown += [table, *related, f"{combined}; {known['coverage']:.0%} interval ± {known['expanded']:.2g}{unit}", ""]
+        combined = f"combined {budget['u']:.2g}{unit}{freedom}"
+        shown += [
+            table,
+            *related,
+            f"{combined}; {budget['coverage']:.0%} interval ± {budget['expanded']:.2g}{unit}",
+            "",
+        ]
     return shown

@@ -189,17 +189,19 @@ def write(figure: Figure, path: Path, dpi: int = 120) -> None:
     """
     from matplotlib import rc_context
 
-    title, told = described(figure)
+    title, description = described(figure)
     vector = path.suffix == ".svg"
     for artist in figure.findobj(_has_many) if vector else ():
         artist.set_rasterized(True)
-    about = {"Title": title, "Description": told} | ({"Date": None} if vector else {"Software": None})
+    about = {"Title": title, "Description": description} | ({"Date": None} if vector else {"Software": None})
     with storing(path), warnings.catch_warnings(), rc_context({"svg.hashsalt": "palpate"}):
         warnings.filterwarnings("ignore", "Creating legend with loc", UserWarning)  # comes on a busy machine
         figure.savefig(path, dpi=dpi, metadata=about)
         if vector:  # matplotlib writes <title>, and the text only into its metadata
             text = path.read_text(encoding="utf-8")
-            path.write_text(text.replace("</title>", f"</title>\n <desc>{escape(told)}</desc>", 1), encoding="utf-8")
+            path.write_text(
+                text.replace("</title>", f"</title>\n <desc>{escape(description)}</desc>", 1), encoding="utf-8"
+            )
 
 
 def _has_many(artist: Artist) -> bool:
@@ -218,6 +220,6 @@ def described(figure: Figure) -> tuple[str, str]:
     panels = []
     for number, axes in enumerate((each for each in figure.axes if each.get_ylabel() or each.get_xlabel()), 1):
         names = [str(name) for name in axes.get_legend_handles_labels()[1]]
-        told = f"{axes.get_title()} {axes.get_ylabel()} over {axes.get_xlabel()}".strip().replace("\n", " ")
-        panels.append(f"Panel {number}: {told}" + (f"; {', '.join(dict.fromkeys(names))}" if names else "") + ".")
+        words = f"{axes.get_title()} {axes.get_ylabel()} over {axes.get_xlabel()}".strip().replace("\n", " ")
+        panels.append(f"Panel {number}: {words}" + (f"; {', '.join(dict.fromkeys(names))}" if names else "") + ".")
     return title, " ".join([f"{title}.", *panels])

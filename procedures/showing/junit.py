@@ -30,14 +30,14 @@ def write_junit(judged: Judgement, run: Run, path: Path) -> None:
         ElementTree.SubElement(about, "property", name=name, value=text)
     for each in judged.verdicts:
         case = ElementTree.SubElement(suite, "testcase", classname=run.procedure, name=each.quantity)
-        told = ElementTree.SubElement(case, "properties")
-        known = {name: getattr(each, name) for name in NUMBERS}
+        properties = ElementTree.SubElement(case, "properties")
+        numbers = {name: getattr(each, name) for name in NUMBERS}
         if each.prior is not None:
-            known |= {"prior_mean": each.prior.mean, "prior_sd": each.prior.sd}
-        for name, number in known.items():
+            numbers |= {"prior_mean": each.prior.mean, "prior_sd": each.prior.sd}
+        for name, number in numbers.items():
             if number is not None:
-                ElementTree.SubElement(told, "property", name=name, value=repr(float(number)))
-        ElementTree.SubElement(told, "property", name="unit", value=each.unit)
+                ElementTree.SubElement(properties, "property", name=name, value=repr(float(number)))
+        ElementTree.SubElement(properties, "property", name="unit", value=each.unit)
         if each.outcome != PASS:
             ElementTree.SubElement(case, AS[each.outcome], type=each.outcome, message=each.reason)
     ElementTree.indent(suites)

@@ -71,8 +71,8 @@ def absolute_line(line: ValidationLine) -> str:
     """A line that says what the absolute uncertainty rests on."""
     if line.u is None:
         return f"absolute       {line.source}"
-    told = f"absolute       validation error {100 * line.u:.2g} % of the ratio"
-    return f"{told} ({degrees(line.degrees_of_freedom)}): {line.source}"
+    text = f"absolute       validation error {100 * line.u:.2g} % of the ratio"
+    return f"{text} ({degrees(line.degrees_of_freedom)}): {line.source}"
 
 
 def degrees(freedom: float) -> str:

@@ -130,12 +130,12 @@ def _table(table: Table, left_out: int) -> str:
 
 def _with_head(caption: str, heads: Sequence[tuple[str, str]], body: list[str], left_out: int) -> str:
     if left_out:
-        told = escaped(LEFT_OUT.format(left_out))
-        body.insert(len(body) // 2, f'<tr><td colspan="{len(heads)}"><em>{told}</em></td></tr>\n')
+        note = escaped(LEFT_OUT.format(left_out))
+        body.insert(len(body) // 2, f'<tr><td colspan="{len(heads)}"><em>{note}</em></td></tr>\n')
     cells = "".join(f"<th{_class(side)}>{'<br>'.join(map(escaped, head.split(chr(10))))}</th>" for head, side in heads)
-    said = f"<caption>{escaped(caption)}</caption>\n" if caption else ""
+    title = f"<caption>{escaped(caption)}</caption>\n" if caption else ""
     short = _class("short" if len(body) <= SHORT else "")
-    return f"<table{short}>\n{said}<thead>\n<tr>{cells}</tr>\n</thead>\n<tbody>\n{''.join(body)}</tbody>\n</table>\n"
+    return f"<table{short}>\n{title}<thead>\n<tr>{cells}</tr>\n</thead>\n<tbody>\n{''.join(body)}</tbody>\n</table>\n"
 
 
 def _cell(text: str, side: str = "") -> str:
@@ -143,8 +143,8 @@ def _cell(text: str, side: str = "") -> str:
 
 
 def _class(*names: str) -> str:
-    told = " ".join(filter(None, names))
-    return f' class="{told}"' if told else ""
+    classes = " ".join(filter(None, names))
+    return f' class="{classes}"' if classes else ""
 
 
 # --- figures -------------------------------------------------------------------------------------------
@@ -165,5 +165,5 @@ def figure(draw: Callable[[Path], Path], run: Path, name: str) -> str:
     own = re.sub(r"\W", "-", name)
     drawn = _IDS.sub(rf"\g<1>{own}-", _GONE.sub("", content.decode())).strip()
     drawn = drawn.replace("<svg ", '<svg role="img" ', 1)
-    told = f"<figcaption>{AS_PIXELS.format(MANY)}</figcaption>" if "<image " in drawn else ""
-    return f"<figure>{drawn}{told}</figure>\n"
+    note = f"<figcaption>{AS_PIXELS.format(MANY)}</figcaption>" if "<image " in drawn else ""
+    return f"<figure>{drawn}{note}</figure>\n"

@@ -125,10 +125,10 @@ def reported(folders: Iterable[Path], limits: LimitsFile | None = None) -> Itera
             run = Run.open(salvaged if faults else folder)
             if faults and limits:
                 raise UsageError(f"{folder} is damaged, so it cannot be judged; leave out --limits")
-            told = {"folder": str(folder.absolute()), **facts(run, run.digest(), run.signal_digest())}
+            about = {"folder": str(folder.absolute()), **facts(run, run.digest(), run.signal_digest())}
             judged = judge(run, limits) if limits else None
             points = run.points()
-            found.append(Reported(folder.absolute(), run, points, told, faults, *_result(run, points), judged))
+            found.append(Reported(folder.absolute(), run, points, about, faults, *_result(run, points), judged))
         check_alike([each.run for each in found])
         yield found
 
@@ -206,11 +206,11 @@ def _shown(found: RecordedResult, run: Path, name: str) -> Iterator[str]:
 
 def _settings(run: Run) -> Iterator[tuple[str, str, str]]:
     try:
-        known = {each.name: each.setting for each in asked_of(procedure_class(run.procedure))}
+        settings = {each.name: each.setting for each in asked_of(procedure_class(run.procedure))}
     except PalpateError:
-        known = {}
+        settings = {}
     for name, value in _part(run.header, "settings").items():
-        setting = known.get(name)
+        setting = settings.get(name)
         value = tuple(map(_words, value)) if isinstance(value, list) else _words(value)
         unit = setting.unit if setting else ""
         yield name.replace("_", " "), shown(value, unit, sys.maxsize) or "-", setting.help if setting else ""
@@ -218,25 +218,25 @@ def _settings(run: Run) -> Iterator[tuple[str, str, str]]:
 
 def _words(value: object) -> object:
     """What an entry of a list of settings says, where it is a table."""
-    told = value.items() if isinstance(value, dict) else ()
-    return ", ".join(f"{name} {part}" for name, part in told if part not in (None, "")) or value
+    parts = value.items() if isinstance(value, dict) else ()
+    return ", ".join(f"{name} {part}" for name, part in parts if part not in (None, "")) or value
 
 
 def _calibrations(header: Mapping[str, Any]) -> Iterator[tuple[str, ...]]:
     for key, (what, file) in CALIBRATED.items():
-        if known := _part(header, key):
-            told = (str(known.get(name) or "-") for name in ("source", "device", "created", "expires"))
+        if calibration := _part(header, key):
+            cells = (str(calibration.get(name) or "-") for name in ("source", "device", "created", "expires"))
             stored = _part(_part(header, "calibration_files"), file)
-            yield what, *told, stored.get("sha256") or "-", _basis(key, known)
+            yield what, *cells, stored.get("sha256") or "-", _basis(key, calibration)
 
 
-def _basis(key: str, known: Mapping[str, Any]) -> str:
+def _basis(key: str, calibration: Mapping[str, Any]) -> str:
     """What a calibration itself rests on."""
     if key == "film_calibration":
-        return f"load cell {known.get('load_cell', '-')}"
+        return f"load cell {calibration.get('load_cell', '-')}"
     if key == "model_calibration":
-        references = ", ".join(f"{each['name']}: {each['source']}" for each in known.get("references", ()))
-        return f"references {references}; films {known.get('film_calibration') or 'by the design'}"
+        references = ", ".join(f"{each['name']}: {each['source']}" for each in calibration.get("references", ()))
+        return f"references {references}; films {calibration.get('film_calibration') or 'by the design'}"
     return "dead weights" if key == "calibration" else "mountings of that run"
 
 
@@ -307,8 +307,8 @@ def _comparison(reports: Sequence[Reported], comparisons: Sequence[ComparedRun])
 def _row(each: Difference) -> Iterator[str]:
     unit, u = each.first["unit"], (each.independent.u, each.shared.u)
     yield each.first["quantity"]
-    for told in (each.first, each.other):
-        yield from show_with_u(told["value"], told["u"], unit)
+    for run_value in (each.first, each.other):
+        yield from show_with_u(run_value["value"], run_value["u"], unit)
     yield show_with_u(each.shared.value, max(u), unit)[0]
     yield from (show(value, unit, 2) for value in (*u, each.half_width))
     yield "yes" if each.told_apart else "no"
@@ -334,8 +334,8 @@ def _points_of(order: int, found: ComparedPoints | None) -> Iterator[str]:
 
 
 def _point_row(each: PointDifference) -> list[str]:
-    told = (show_with_u(of.value, of.u, each.unit) for of in (each.first, each.other))
-    values = [text for pair in told for text in pair]
+    pairs = (show_with_u(of.value, of.u, each.unit) for of in (each.first, each.other))
+    values = [text for pair in pairs for text in pair]
     difference = show_with_u(each.value, each.u, each.unit)
     return [*map(number, each.step.values()), each.quantity, *values, *difference, f"{each.in_u:+z.1f}"]
 

@@ -119,14 +119,14 @@ def shown_points(run: Run, stored: Iterable[dict[str, Any]]) -> tuple[str, Table
     points = list(map(_flagged, stored))
     columns = [k for k, v in points[0].items() if k != "bench_ns" and not isinstance(v, list)] if points else []
     cells = {k: [number(point[k]) for point in points] for k in columns}
-    same = [k for k, told in cells.items() if len(points) > 1 and told.count(told[0]) == len(told)]
+    same = [k for k, texts in cells.items() if len(points) > 1 and texts.count(texts[0]) == len(texts)]
     same = [k for k in same if k != "flags" or points[0][k] is None]
     columns = [k for k in columns if k not in same]
     table = new_table(stamped(run.simulated, f"{run.procedure}: {counted(len(points), 'point')}"), *columns)
     for row in zip(*(cells[column] for column in columns), strict=True):
         table.add_row(*row)
-    told = ", ".join(f"{k} {cells[k][0]}" for k in same) or "-"
-    return f"each point   {told}", table
+    texts = ", ".join(f"{k} {cells[k][0]}" for k in same) or "-"
+    return f"each point   {texts}", table
 
 
 def _origin(run: Run) -> str:

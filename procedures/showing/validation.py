@@ -21,21 +21,21 @@ def lines(found: Iterable[Validation], changed: Sequence[str] = ()) -> list[str]
         found: comparisons.
         changed: settings that differ from the parameter set's; only the set itself was compared.
     """
-    told = []
+    shown = []
     for each in found:
-        said = f"validation of {each.model} ({each.parameters} set, {each.design}): "
+        head = f"validation of {each.model} ({each.parameters} set, {each.design}): "
         if each.mean is None or each.rms is None or each.worst is None:
-            told.append(f"{said}{each.kind}: {each.why}")
+            shown.append(f"{head}{each.kind}: {each.why}")
             continue
         by_sample = ", ".join(f"{name}: {value:+z.0f}" for name, value in each.percent.items())
-        told.append(
-            f"{said}mean {each.mean:+z.1f} %, rms {each.rms:z.1f} %, worst {each.worst:+z.1f} % at sample"
+        shown.append(
+            f"{head}mean {each.mean:+z.1f} %, rms {each.rms:z.1f} %, worst {each.worst:+z.1f} % at sample"
             f" {each.worst_sample} ({SIGN}; by sample {by_sample})"
         )
     if changed:
         options = [f"--{name.replace('_', '-')}" for name in changed]
-        told.append(f"the validation is that of the set as it stands, without {', '.join(options)}")
-    return told
+        shown.append(f"the validation is that of the set as it stands, without {', '.join(options)}")
+    return shown
 
 
 def print_validation(compared: Sequence[Validation]) -> None:

@@ -130,5 +130,5 @@ def sentence(of: BesideSummary) -> str:
     u = "u not given" if of["u"] is None else f"u {of['u']:g}"
     span = f"{of['least']:.4g}" if of["least"] == of["greatest"] else f"{of['least']:.4g} to {of['greatest']:.4g}"
     lacking = [f"{of[key]} {key}" for key in ("outside", "silent") if of[key]]
-    told = ", ".join([u, *lacking])
-    return f"{span} {of['unit']}".rstrip() + f" ({told})"
+    remarks = ", ".join([u, *lacking])
+    return f"{span} {of['unit']}".rstrip() + f" ({remarks})"

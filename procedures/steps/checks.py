@@ -100,14 +100,14 @@ def _in_order(values: Sequence[float], repeated: bool) -> bool:
     return all(before < after or (repeated and before == after) for before, after in pairwise(values))
 
 
-def told_sets(loads: Sequence[float]) -> list[str]:
+def set_names(loads: Sequence[float]) -> list[str]:
     """Text of each load [N] for people, such as "4 N, set 2" where it is repeated."""
     seen: dict[float, int] = {}
-    told = []
+    texts = []
     for load in loads:
         seen[load] = seen.get(load, 0) + 1
-        told.append(show(load, "N") + (f", set {seen[load]}" if seen[load] > 1 else ""))
-    return told
+        texts.append(show(load, "N") + (f", set {seen[load]}" if seen[load] > 1 else ""))
+    return texts
 
 
 def preload_for(loads: Sequence[float]) -> float:

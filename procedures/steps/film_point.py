@@ -56,7 +56,9 @@ CRYSTALS = 1e-4  # relative difference of two clocks [A]
 HARMONICS = 0.01  # of a load, peak to peak [A]
 
 
-def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: float, known: float = math.inf) -> bool:
+def forces_differ(
+    forces: FilmForces, frequency: float, load: float, load_u: float, load_freedom: float = math.inf
+) -> bool:
     """Whether films and load cell measure different forces.
 
     Args:
@@ -76,7 +78,7 @@ def forces_differ(forces: FilmForces, frequency: float, load: float, load_u: flo
         (
             Component("films' noise", noise_u, degrees_of_freedom=forces.degrees_of_freedom),
             Component("films' gains", math.sqrt(max(forces.force_total_u**2 - noise_u**2, 0.0))),
-            Component("load cell", load_u, degrees_of_freedom=known),
+            Component("load cell", load_u, degrees_of_freedom=load_freedom),
         ),
     )
     return _differ(difference, (1 - passed) * load)
@@ -332,7 +334,7 @@ def _attempt(
     films.bench.role(Exciter).check()
     measured, measured_u = servo.calibration.load(reading.reading_mV, readings)
     measured_u = math.hypot(measured_u, reading.u_mV / servo.calibration.sensitivity_mV_per_N)
-    known = float(servo.calibration.degrees_of_freedom or math.inf)
+    load_freedom = float(servo.calibration.degrees_of_freedom or math.inf)
     fit = films.fit(record)
     defects = {
         CLIPPED: record.clips.any(),
@@ -343,7 +345,7 @@ def _attempt(
     }
     flags = [flag for flag, raised in defects.items() if raised]
     if not flags:  # a bad record is not worth more checks
-        flags = _disagreements(films, record, fit, compare, measured, measured_u, known)
+        flags = _disagreements(films, record, fit, compare, measured, measured_u, load_freedom)
     if not flags:
         flags = _marks(films.design, fit)
     return FilmPoint(
@@ -368,11 +370,11 @@ def _disagreements(
     compare: bool,
     load: float,
     load_u: float,
-    known: float,
+    load_freedom: float,
 ) -> list[str]:
     """Flags of devices that measure the same quantity and do not agree."""
     found = []
-    if compare and forces_differ(film_forces(films.design, fit), films.frequency, load, load_u, known):
+    if compare and forces_differ(film_forces(films.design, fit), films.frequency, load, load_u, load_freedom):
         found.append(FORCE)
     if frequencies_differ(films, record):
         found.append(FREQUENCY)

@@ -206,7 +206,7 @@ def _withdraw(bench: Bench) -> None:
 #
 # first = approach(bench, calibration, 1.2, "sample 2")
 #     ...                                       # the same object is mounted again
-#     approach(bench, calibration, 1.2, "sample 2", known=first.free)
+#     approach(bench, calibration, 1.2, "sample 2", free_until=first.free)
 #
 # `probe.preload` moves at 1 mm/s, and takes the mean of four readings after each step. Here the probe moves at 5
 # mm/s, and the force is read once after each step until the probe touches. No step is longer than one of `preload`,
@@ -233,10 +233,12 @@ class Contact:
     free: float
 
 
-def approach(bench: Bench, calibration: LoadCellCalibration, force: float, onto: str, *, known: float = 0.0) -> Contact:
+def approach(
+    bench: Bench, calibration: LoadCellCalibration, force: float, onto: str, *, free_until: float = 0.0
+) -> Contact:
     """Lower the probe from home until it presses with a static force [N]. The outputs are then on, at zero.
 
-    The first move goes to one step above the position that is `known` to be free. Steps go on until the probe touches;
+    The first move goes to one step above the position `free_until`. Steps go on until the probe touches;
     then follow a short one that tells the stiffness, and steps by the slope of the last two readings.
 
     Args:
@@ -244,14 +246,14 @@ def approach(bench: Bench, calibration: LoadCellCalibration, force: float, onto:
         calibration: calibration of the load cell.
         force: the static force [N].
         onto: names what lies under the probe, in incidents.
-        known: a position that is known to be free, because the same object was touched below it [m].
+        free_until: a position that is known to be free, because the same object was touched below it [m].
 
     Raises:
         UnreachableError: the positioner's travel ends before the force is reached.
         SafetyError: the force passes the bench's limit; the probe has been moved home.
         DeviceError: the indicator gives no valid reading.
     """
-    first = max(known - APPROACH_STEP, 0.0)
+    first = max(free_until - APPROACH_STEP, 0.0)
     found = carry_out(
         bench, f"preload of {show(force, 'N')} on {onto}", lambda: _lowered(bench, calibration, force, first)
     )

@@ -134,11 +134,11 @@ class CanopenConformance(Conformance):
         assert simulated.settings == before
 
     def test_the_node_refuses_an_unknown_object(self, node: CanopenDevice) -> None:
-        known = {f.address for f in node.contract.fields}
+        addresses = {f.address for f in node.contract.fields}
         group = next(f for f in node.contract.fields if f.subindex)
         sdo: Any = node._node.sdo
         for index, subindex, code in ((0x5FFF, 0, NO_OBJECT), (group.index, 0x7F, NO_SUBINDEX)):
-            assert index << 8 | subindex not in known
+            assert index << 8 | subindex not in addresses
             for access, data in ((sdo.upload, ()), (sdo.download, (bytes(4),))):
                 with pytest.raises(SdoAbortedError) as abort:
                     access(index, subindex, *data)

@@ -149,8 +149,8 @@ class ModbusConformance(Conformance):
     def test_the_device_refuses_an_unknown_address(
         self, device: ModbusDevice, write: Callable[[int, list[int]], int]
     ) -> None:
-        known = {f.address + i for f in device.contract.fields for i in range(f.size // 2)}
-        unknown = [*(a for a in range(max(known)) if a not in known), max(known) + 1, 0x7000, 0xFFFF]
+        addresses = {f.address + i for f in device.contract.fields for i in range(f.size // 2)}
+        unknown = [*(a for a in range(max(addresses)) if a not in addresses), max(addresses) + 1, 0x7000, 0xFFFF]
         for address in unknown:
             assert write(address, [0]) == ILLEGAL_ADDRESS, address
             reply = device.link.client.read_holding_registers(address, count=1, device_id=device.unit)

@@ -249,8 +249,8 @@ class Traffic:
         contract = self._contracts.get(message.who)
         if contract is None:
             return None
-        known = contract.receives if message.verb == "send" else contract.pdos
-        return next((pdo for pdo in known if pdo.node_of(message.address)), None)
+        messages = contract.receives if message.verb == "send" else contract.pdos
+        return next((pdo for pdo in messages if pdo.node_of(message.address)), None)
 
     def _is_stream(self, message: TrafficEntry) -> bool:
         return message.verb == "frame" and self._pdo(message) is not None

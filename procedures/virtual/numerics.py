@@ -24,13 +24,13 @@ ROUNDED = 1.1e-16  # of the chain's reference, in 60 digits, a double keeps thes
 def collect(design: str, progress: Progress) -> list[Task]:
     """Every task: models of a design, estimators, integrators, and arithmetic."""
 
-    def integrated(name: str, found: Iterable[IntegratorError], method: str, order: float, known: float) -> Task:
+    def integrated(name: str, found: Iterable[IntegratorError], method: str, order: float, reference: float) -> Task:
         ways = []
         for done in found:
             setting = "" if done.setting is None else f"{done.setting:.3g}"
             ways.append(Way(done.method, setting, done.error, done.seconds, done.failure))
             progress(len(ways), 0, done.method)
-        return Task(name, "processor", tuple(ways), reference=known, slopes={method: order})
+        return Task(name, "processor", tuple(ways), reference=reference, slopes={method: order})
 
     chain = f"output of a chain of {integrators.STATES} states, stiffness {integrators.STIFFNESS:.0e}"
     tasks = [

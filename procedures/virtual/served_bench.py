@@ -475,9 +475,9 @@ class _LivePages:
     def show(self, rows: Mapping[str, str]) -> None:
         """Tell the pages; `rows`: the state. Of the films only if nodes have sampled since."""
         scene, bench = self._sim.scene, self._sim.description.name
-        told = {"bench": bench, "scene": scene.name, "seed": scene.seed, "simulated": True}
+        bench_data = {"bench": bench, "scene": scene.name, "seed": scene.seed, "simulated": True}
         faults = [given.summary() for given in self._sim.injection.given]
-        self._feed.tell("bench", {**told, "devices": list(rows.items()), "faults": faults})
+        self._feed.tell("bench", {**bench_data, "devices": list(rows.items()), "faults": faults})
         with self._sim.clock.lock:
             fresh, self._fresh = self._fresh, False
             voltage, period_ns = self._volts, self._period_ns

@@ -260,10 +260,10 @@ class _Asked:
     loads: tuple[float, ...]
     frequency: float
     dwell: float
-    told: tuple[str, str] = field(init=False)
+    of_scene: tuple[str, str] = field(init=False)
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "told", (self.scene.name, self.scene.identity))
+        object.__setattr__(self, "of_scene", (self.scene.name, self.scene.identity))
 
 
 @lru_cache(KEPT)
@@ -278,8 +278,8 @@ def _but_seed(cell: Mapping[str, Value]) -> dict[str, Value]:
 
 def _own_seed(file: SceneFile, cell: Mapping[str, Value]) -> int:
     """Seed of a cell's scene, from all values of the cell: cells with the same seed must not have the same noise."""
-    told = as_json((int(cell.get("seed", file.seed)), _but_seed(cell)))
-    return int.from_bytes(hashlib.sha256(told.encode()).digest()[:6])  # 48 bits are exact in a float
+    content = as_json((int(cell.get("seed", file.seed)), _but_seed(cell)))
+    return int.from_bytes(hashlib.sha256(content.encode()).digest()[:6])  # 48 bits are exact in a float
 
 
 def _point(values: Mapping[str, Any], flags: Sequence[str]) -> dict[str, Any]:

@@ -136,8 +136,8 @@ class SimulatedMappedLoadIndicator(Twin):
         role = self._role
         bits = self.contract[role.status].bits
         word = 0
-        said = {role.stable: self._still()} if role.stable else {}
-        for which, true in (said | dict.fromkeys(role.faults, False)).items():
+        states = {role.stable: self._still()} if role.stable else {}
+        for which, true in (states | dict.fromkeys(role.faults, False)).items():
             if true != which.startswith(NOT):
                 word |= 1 << bits[which.removeprefix(NOT)]
         for f in self.contract.fields:

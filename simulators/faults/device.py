@@ -184,14 +184,14 @@ class _Told(IndicatorFault):
     place: ClassVar[int]  # among these bits
 
     def strike(self, found: Any, role: LoadIndicatorMap, now_ns: int) -> None:
-        said = list(role.faults)[self.place]
-        bit: int = 1 << found.contract[role.status].bits[said.removeprefix(NOT)]
+        bit_name = list(role.faults)[self.place]
+        bit: int = 1 << found.contract[role.status].bits[bit_name.removeprefix(NOT)]
         read: Read = found.read
 
         def seen(name: str) -> float:
             if name != role.status:
                 return read(name)
-            return int(read(name)) & ~bit if said.startswith(NOT) else int(read(name)) | bit
+            return int(read(name)) & ~bit if bit_name.startswith(NOT) else int(read(name)) | bit
 
         found.read = seen
 

@@ -215,8 +215,8 @@ def parse_fault(table: dict[str, Any], standing: Sequence[Struck], where: str) -
         raise ConfigError(f"{where}: {error}") from None
     times = [name for name in WHEN if getattr(fault, name) is not None]
     if len(times) != 1:
-        said = " and ".join(times) or "none"
-        raise ConfigError(f"{where}: {said} given of {', '.join(WHEN)}: exactly one says when it strikes")
+        given_times = " and ".join(times) or "none"
+        raise ConfigError(f"{where}: {given_times} given of {', '.join(WHEN)}: exactly one says when it strikes")
     if problem := fault.problem(valid[fault.on]):
         raise ConfigError(f"{where}: {problem}")
     return fault

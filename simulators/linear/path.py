@@ -185,11 +185,11 @@ class Path:
         self._enter(mode, last.end_ns, state)
 
     def _enter(self, mode: Mode, start_ns: int, state: Floats) -> None:
-        known = self._know(mode)
+        mechanics = self._know(mode)
         self._largest = np.maximum(self._largest, np.abs(state))
-        end_ns, failed = known.watch.first_failure(start_ns, state[known.seen])
+        end_ns, failed = mechanics.watch.first_failure(start_ns, state[mechanics.seen])
         guard = None if failed is None else mode.guards[failed]
-        self.stretches.append(Stretch(start_ns, end_ns, mode, known.steady, state, guard))
+        self.stretches.append(Stretch(start_ns, end_ns, mode, mechanics.steady, state, guard))
         if self._inputs[0].frequency:
             self._look_for_repeat(self.stretches[-1])
 
@@ -226,8 +226,8 @@ class Path:
         return self.start_ns - (-number * CYCLE // self._inputs[0].frequency)
 
     def _watch(self, mode: Mode) -> tuple[CrossingWatch, list[int]]:
-        known = self._know(mode)
-        return known.watch, known.seen
+        mechanics = self._know(mode)
+        return mechanics.watch, mechanics.seen
 
 
 @lru_cache(maxsize=KEPT)

@@ -272,8 +272,8 @@ def nested(
     Effects that the films do not feel stay. Arguments and errors as those of `weigh`.
     """
     whole = see(scene, question)
-    known = [(each.change, each.name) for each in weights if each.change is not None and each.name in scene.effects]
-    order = [name for _, name in sorted(known)]
+    weighted = [(each.change, each.name) for each in weights if each.change is not None and each.name in scene.effects]
+    order = [name for _, name in sorted(weighted)]
     notice.price(f"measuring {len(order)} subsets", len(order) * DRAWS * whole.seconds)
     left, found = [scene], [(0.0, 0.0)]
     for count in range(1, len(order) + 1):

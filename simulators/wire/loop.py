@@ -86,10 +86,10 @@ class Loop:
 
     def watch(self, descriptor: int, heard: Call, *, writing: bool = False) -> None:
         """Call `heard` whenever something can be read there; with `writing`, or written. Any thread may call this."""
-        known = descriptor in self._heard
+        registered = descriptor in self._heard
         self._heard[descriptor] = heard
         wanted = select.EPOLLIN | (select.EPOLLOUT if writing else 0)
-        (self._epoll.modify if known else self._epoll.register)(descriptor, wanted)
+        (self._epoll.modify if registered else self._epoll.register)(descriptor, wanted)
 
     def forget(self, descriptor: int) -> None:
         """Watch a descriptor no more; to be called before it is closed. Any thread may call this."""

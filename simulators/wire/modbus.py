@@ -134,10 +134,10 @@ class RequestDecoder(DecodePDU):
         return request
 
     def lookupPduClass(self, data: bytes) -> type[ModbusPDU] | None:
-        known: type[ModbusPDU] | None = super().lookupPduClass(data)
-        if known is None and FramerRTU.check_CRC(data[:-2], int.from_bytes(data[-2:], "big")):
+        pdu: type[ModbusPDU] | None = super().lookupPduClass(data)
+        if pdu is None and FramerRTU.check_CRC(data[:-2], int.from_bytes(data[-2:], "big")):
             return _WholeFrame
-        return known
+        return pdu
 
 
 class LineFramer(FramerRTU):

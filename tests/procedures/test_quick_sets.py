@@ -139,7 +139,7 @@ def test_what_is_known_to_be_free_is_crossed_in_one_move_but_for_one_step(bench:
     first = approach(bench, THESIS_LOAD_CELL, PRELOAD, "it")
     bench.device("positioner").home()
     before = len(moves)
-    again = approach(bench, THESIS_LOAD_CELL, PRELOAD, "it", known=first.free)
+    again = approach(bench, THESIS_LOAD_CELL, PRELOAD, "it", free_until=first.free)
     assert moves[before] == pytest.approx(first.free - APPROACH_STEP)
     assert len(moves) - before < before
     assert again.force == pytest.approx(PRELOAD, rel=0.05)
@@ -150,7 +150,7 @@ def test_a_force_above_the_limit_sends_the_probe_home(sim: SimulatedBench, known
     with limited(sim, 0.8) as bench:
         bench.operator.mount(SAMPLES["1"])
         with pytest.raises(SafetyError, match=r"passes the bench's force limit of 0\.8 N"):
-            approach(bench, THESIS_LOAD_CELL, PRELOAD, "it", known=known)
+            approach(bench, THESIS_LOAD_CELL, PRELOAD, "it", free_until=known)
         assert bench.device("positioner").position() == 0.0
     assert now(sim).max() == 0.0
 

@@ -24,7 +24,7 @@ from palpate.procedures.measurements.loads import LoadPoint, SweepResult, evalua
 from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import chapter5, curves, everything, models
-from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, read_traces, traces_said
+from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, distortion_sentence, read_traces
 from palpate.procedures.reproduce.criterion import LEAST_SHARE
 from palpate.procedures.reproduce.curves import CurveCase, Solutions
 from palpate.procedures.reproduce.page import Everything
@@ -205,9 +205,9 @@ def test_the_columns_of_table_5_8_do_not_share_a_definition() -> None:
 def test_a_kept_solution_is_what_the_model_gives() -> None:
     case, ratios = CurveCase("single", "axisymmetric", "identified"), (curves.LOWEST, curves.HIGHEST)
     middle = case.ring * math.sqrt(ratios[0] * ratios[1])  # the node in the middle
-    kept = Solutions.shipped()
-    assert list(kept.known.values())
-    found = kept.of(case.parameters_at(middle), f"mesh {curves.ROUND_MESH}", lambda: pytest.fail("it is not kept"))
+    shipped = Solutions.shipped()
+    assert list(shipped.kept.values())
+    found = shipped.of(case.parameters_at(middle), f"mesh {curves.ROUND_MESH}", lambda: pytest.fail("it is not kept"))
     assert found[0] == pytest.approx(curves.solve(case, middle, 1)[0], rel=1e-3)  # a mesh coarser, a tenth of the time
 
 
@@ -242,7 +242,7 @@ def test_the_oscilloscope_reads_the_recorded_load_and_an_amplifier_that_clips_di
         assert seen.load_mV.peak_to_peak == pytest.approx(10.306 * load, rel=3 * design.films[1].scatter)
     distorted = {where for where, seen in found.items() for one in seen.distortions if one.by_noise < 1e-4}
     assert distorted == {("2", 3.0)}
-    said = traces_said(design, {sample: seen for (sample, load), seen in found.items() if load == 3.0})
+    said = distortion_sentence(design, {sample: seen for (sample, load), seen in found.items() if load == 3.0})
     assert re.search(r"rigid 1: 0\.\d+ \(0\.\d+\), 2: 13\.\d+ \(0\.\d+\)\*; total 1: .*more than noise explains", said)
 
 

@@ -761,11 +761,11 @@ def disagreements(sheet: DataSheet, fields: Sequence[Field]) -> Iterator[str]:
     """Where fields of a map say something else than the data sheet from which it was made."""
     for f in fields:
         try:
-            said, _ = field_of(sheet, f.address)
+            of_sheet, _ = field_of(sheet, f.address)
         except ConfigError as error:
             yield f"{f.name}: {error}"
             continue
-        for what, here, there in (("type", f.type, said.type), ("access", f.access, said.access)):
+        for what, here, there in (("type", f.type, of_sheet.type), ("access", f.access, of_sheet.access)):
             if here != there:
                 yield f"{f.name}: {what} is {here!r}, in {sheet.name} it is {there!r}"
 
@@ -773,9 +773,9 @@ def disagreements(sheet: DataSheet, fields: Sequence[Field]) -> Iterator[str]:
 def fixed_otherwise(sheet: DataSheet, contract: Contract) -> Iterator[str]:
     """Where a map says something else of a PDO than the data sheet, which lets nobody set it up."""
     for ours, first in ((contract.pdos, SENT), (contract.receives, TAKEN)):
-        known = {each.index: each for each in pdos(sheet, first)[0] if each.fixed}
+        of_sheet = {each.index: each for each in pdos(sheet, first)[0] if each.fixed}
         for pdo in ours:
-            there = known.get(pdo.index or pdo.fixed)
+            there = of_sheet.get(pdo.index or pdo.fixed)
             if there is None:
                 continue
             if pdo.index:

@@ -559,10 +559,10 @@ def _example_number(f: Field) -> float:
 
 def _exchange(contract: Contract, f: Field, data: bytes, reading: bool) -> tuple[list[WireMessage], list[WireMessage]]:
     if contract.bus == "canopen":
-        asked, told = (upload if reading else download)(f, data)
+        asked, answered = (upload if reading else download)(f, data)
         return (
             [WireMessage(each, REQUESTS + UNIT) for each in asked],
-            [WireMessage(each, ANSWERS + UNIT) for each in told],
+            [WireMessage(each, ANSWERS + UNIT) for each in answered],
         )
     held = {f.name: data}
     asking = read_request(contract, held) if reading else write_request(contract, held)

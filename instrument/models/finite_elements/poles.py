@@ -116,8 +116,8 @@ class Curve:
             each.shape for each in (self.rates, self.loads, self.goals, self.charges)
         )
         found = {name: getattr(self, name).shape for name in SHAPES}
-        told = (poles, loads), (poles, goals), (goals, loads), (poles,), (loads,), (poles, films), (films, films)
-        if tuple(found.values()) != told:
+        expected = (poles, loads), (poles, goals), (goals, loads), (poles,), (loads,), (poles, films), (films, films)
+        if tuple(found.values()) != expected:
             raise ValueError(f"{found} of {poles} poles do not go together")
 
     def without(self, share: float = NEGLIGIBLE) -> Curve:
@@ -408,10 +408,10 @@ def _left(
     moduli, held = modulus * CHECKED, own.onto.T @ columns
     solved = np.array([np.linalg.solve(own.stiffness + each * own.sensed, held) for each in moduli])
     values = np.einsum("dl,edc->elc", held[:, :loads], solved)
-    known = np.array(sorted(factors))
-    nearest = np.maximum(np.searchsorted(known, moduli * (1 + 1e-9)) - 1, 0)
+    places = np.array(sorted(factors))
+    nearest = np.maximum(np.searchsorted(places, moduli * (1 + 1e-9)) - 1, 0)
     energies = np.empty((len(moduli), columns.shape[1]))
-    for number, place in enumerate(known):
+    for number, place in enumerate(places):
         those = np.flatnonzero(nearest == number)
         if not len(those):
             continue

@@ -111,8 +111,8 @@ def judge(cost: Cost, remedy: str, then: str = "") -> None:
 
 def free_memory() -> int | None:
     """Memory that this process may still take, in bytes; None: the system does not tell."""
-    known = [each for each in (_available(), _in_group(), _in_limit()) if each is not None]
-    return min(known, default=None)
+    limits = [each for each in (_available(), _in_group(), _in_limit()) if each is not None]
+    return min(limits, default=None)
 
 
 def _available() -> int | None:

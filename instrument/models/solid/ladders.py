@@ -138,8 +138,8 @@ def meshes(parameters: SolidParameters) -> Meshes:
 
 def manner(parameters: SolidParameters) -> Manner:
     """How errors of a sensor fall from mesh to mesh."""
-    known = meshes(parameters)
-    return known.hard if is_hard(parameters) else known.manner
+    ladder = meshes(parameters)
+    return ladder.hard if is_hard(parameters) else ladder.manner
 
 
 def is_hard(parameters: SolidParameters) -> bool:
@@ -170,7 +170,7 @@ def resolution(parameters: SolidParameters, refinement: int) -> Resolution:
     Raises:
         RangeError: there is no such refinement.
     """
-    known = refinements(parameters)
-    if refinement not in known:
-        raise RangeError(f"refinement {refinement} is outside {known[0]} to {known[-1]}; give one of these")
+    levels = refinements(parameters)
+    if refinement not in levels:
+        raise RangeError(f"refinement {refinement} is outside {levels[0]} to {levels[-1]}; give one of these")
     return meshes(parameters).resolutions[refinement]

@@ -289,17 +289,17 @@ def beside(parameters: SolidParameters, meshes: int) -> list[tuple[SolidParamete
     the first, which tells enough of what that leaves. Many teeth: one cell of them, on the last two meshes, on those of
     few teeth, and on what these ask.
     """
-    known = ladders.meshes(parameters)
+    ladder = ladders.meshes(parameters)
     if not ladders.is_judged_by_cell(parameters):
-        asked = [known.sketch, known.higher if meshes > 2 else None]
+        asked = [ladder.sketch, ladder.higher if meshes > 2 else None]
         return [(parameters, each) for each in asked if each is not None]
     cell = ladders.cell_of(parameters)
     own = ladders.meshes(cell).resolutions
-    return [(cell, each) for each in (*known.resolutions[meshes - 2 : meshes], *own)] + beside(cell, len(own))
+    return [(cell, each) for each in (*ladder.resolutions[meshes - 2 : meshes], *own)] + beside(cell, len(own))
 
 
 def estimates(
-    curves: Sequence[Curve], parameters: SolidParameters, moduli: Floats, known: Sequence[Curve] | None = None
+    curves: Sequence[Curve], parameters: SolidParameters, moduli: Floats, companions: Sequence[Curve] | None = None
 ) -> tuple[Floats, Floats]:
     """Bounds on the errors of force ratio and voltages under 1 N [V] of the last of some meshes, at each modulus.
 
@@ -309,10 +309,10 @@ def estimates(
         moduli: moduli of the object [Pa].
         known: curves of what is asked `beside` these; None: they are found.
     """
-    if known is None:
-        known = [curve_on(*each).poles for each in beside(parameters, len(curves))]
+    if companions is None:
+        companions = [curve_on(*each).poles for each in beside(parameters, len(curves))]
     by_cell = ladders.is_judged_by_cell(parameters)
-    before, higher = ([], []) if by_cell else (known[:1], known[1:])
+    before, higher = ([], []) if by_cell else (companions[:1], companions[1:])
     compared, heights = [*before, *curves], [curves[0], *higher]
     if parameters.load_at is not None:
         # Beneath a point load the energy has no end. What of it passes through the contact has one.
@@ -320,8 +320,8 @@ def estimates(
     ratio, voltage = between.estimates(compared, moduli, ladders.manner(parameters), heights)
     if by_cell:
         cell = ladders.cell_of(parameters)
-        alike, of_cell = known[:2], known[2 : 2 + len(ladders.refinements(cell))]
-        own, _ = estimates(of_cell, cell, moduli, known[2 + len(of_cell) :])
+        alike, of_cell = companions[:2], companions[2 : 2 + len(ladders.refinements(cell))]
+        own, _ = estimates(of_cell, cell, moduli, companions[2 + len(of_cell) :])
         ratio = between.by_likeness(curves, alike, of_cell[-1], own, moduli, ladders.larger(parameters))
     rounded, rounded_voltage = _rounding(curves, parameters, moduli)
     return ratio + rounded, voltage + rounded_voltage

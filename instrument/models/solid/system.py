@@ -68,14 +68,14 @@ def alike(unknowns: Names, cells: Names, relative: Floats) -> Alike | None:
         return None
     model = max(groups, key=lambda own: (len(own), np.count_nonzero(unknowns[own] >= 0)))
     free = unknowns[model] >= 0
-    known, inverse = np.unique(unknowns[model][free], return_inverse=True)
+    kept, inverse = np.unique(unknowns[model][free], return_inverse=True)
     places = np.full(unknowns[model].shape, -1)
     places[free] = inverse
     found = []
     for own in groups:
         if not np.array_equal(relative[own], relative[model]):
             continue
-        names = np.full(len(known), -1)
+        names = np.full(len(kept), -1)
         names[inverse] = unknowns[own][free]
         if np.array_equal(np.where(free, names[places], -1), unknowns[own]):
             found.append((own, names))

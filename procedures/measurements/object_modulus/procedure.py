@@ -348,7 +348,7 @@ class Measuring(DynamicLoadWork):
         mount(self.lab.bench, self._object, anew)
         self._mounting += 1
         onto = f"sample {self._object.name}"
-        found = approach(self.lab.bench, self.lab.calibration, self.preload, onto, known=self._free)
+        found = approach(self.lab.bench, self.lab.calibration, self.preload, onto, free_until=self._free)
         self._free, self._loaded = found.free, False
         self.hold(found.force)
 
