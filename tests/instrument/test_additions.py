@@ -6,7 +6,6 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.additions import addition
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.kinds import all_kinds, device_kind
 from palpate.instrument.config import check
@@ -31,14 +30,6 @@ from palpate.simulators.wire.device import SimulatedDevice
 class Simulated(SimulatedDevice):
     contract = CONTRACT
 """
-
-
-def test_an_addition_knows_the_package_it_comes_from_and_its_version(install: Install) -> None:
-    install("acme", "palpate.tests", {"thing": "acme_thing:THING"})
-    found = addition("palpate.tests", "thing", "thing")
-    assert found is not None
-    assert (found.place, found.origin) == ("acme_thing:THING", "acme 1.2")
-    assert addition("palpate.tests", "thing", "another") is None
 
 
 @pytest.mark.parametrize(

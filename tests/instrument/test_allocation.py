@@ -22,7 +22,7 @@ from palpate.instrument.allocation.table import (
     Table,
     dwells,
 )
-from palpate.instrument.errors import EstimateError, RangeError
+from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import mixture_factor
 from tests.benchmarks.front import WORST, quickest, setting
 
@@ -201,8 +201,3 @@ def test_no_number_of_units_is_much_quicker_in_all() -> None:
 def test_what_makes_no_plan_is_refused(wrong: Callable[[], object], why: str) -> None:
     with pytest.raises(RangeError, match=why):
         wrong()
-
-
-def test_lines_of_one_name_make_no_budget() -> None:
-    with pytest.raises(EstimateError, match="one name"):
-        budget([SCATTER, SCATTER], 1, 1, 0.1)

@@ -8,11 +8,9 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, UnknownName
-from palpate.instrument.findings.object_modulus import modulus_of_ratio
 from palpate.instrument.models import springs
-from palpate.instrument.models.curve import ratio_curve
 from palpate.instrument.models.evidence import Evidence, of_model, ratio_by
-from palpate.instrument.models.parameters import PHYSICAL, THESIS
+from palpate.instrument.models.parameters import THESIS
 from palpate.instrument.models.response import RatioQuestion, ask, response
 from palpate.instrument.models.springs import HIGHEST, LINES, LOWEST, OddsLine
 from palpate.instrument.sensor.design import Design
@@ -69,16 +67,6 @@ def test_the_inverse_gives_the_modulus_back_from_the_softest_object_to_the_harde
     for ratio in (line.force_ratio(0.0) * 0.999, 1.0, float("nan")):
         with pytest.raises(RangeError, match="no object has it"):
             line.modulus_ratio(ratio)
-
-
-@pytest.mark.slow
-def test_the_curve_s_inverse_is_the_closed_one() -> None:
-    curve = ratio_curve(SINGLE, PHYSICAL.load(1e5), "column_fitted")
-    ring = SINGLE.ring.material.modulus
-    assert curve.moduli == pytest.approx((LOWEST * ring, HIGHEST * ring), rel=1e-12)
-    for ratio in (0.2, 0.5, 0.9):
-        found = float(modulus_of_ratio(curve, [ratio]).modulus[0])
-        assert found == pytest.approx(LINES["single"].modulus_ratio(ratio) * ring, rel=1e-7)
 
 
 def test_it_answers_with_its_residual_and_on_any_ring() -> None:

@@ -17,11 +17,6 @@ from palpate.instrument.contracts.field import PROBE, Field
 from palpate.instrument.contracts.own import bus_load
 from palpate.instrument.errors import ConfigError, RangeError, UnknownName
 
-RANGES = {
-    "uint8": (0, 255), "int8": (-128, 127), "uint16": (0, 65535), "int16": (-32768, 32767),
-    "uint32": (0, 4294967295), "int32": (-2147483648, 2147483647),
-}  # fmt: skip
-
 TOY = Contract(
     name="toy",
     title="toy device",
@@ -41,19 +36,6 @@ TOY = Contract(
 
 
 @pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
-def test_a_field_says_what_it_means_and_fits_its_type(contract: Contract) -> None:
-    for field in contract.fields:
-        assert field.meaning
-        assert field.scale > 0
-        if field.type in RANGES:
-            low, high = RANGES[field.type]
-            limits = [limit for limit in (field.minimum, field.maximum) if limit is not None]
-            assert all(low <= round(limit / field.scale) <= high for limit in limits), field.name
-            assert all(low <= raw <= high for raw in field.choices.values()), field.name
-            assert all(0 <= bit < 8 * field.size for bit in field.bits.values()), field.name
-
-
-@pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
 def test_what_can_be_written_has_limits_or_choices_and_a_default_within_them(contract: Contract) -> None:
     for field in contract.fields:
         if field.access == "ro":
@@ -67,26 +49,11 @@ def test_what_can_be_written_has_limits_or_choices_and_a_default_within_them(con
 
 
 @pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
-def test_no_two_fields_overlap_or_share_a_name(contract: Contract) -> None:
-    assert len({field.name for field in contract.fields}) == len(contract.fields)
-    words = [f.address + i for f in contract.fields for i in range(f.size // 2 if contract.bus == "modbus" else 1)]
-    assert len(set(words)) == len(words)
-    assert [field.address for field in contract.fields] == sorted(field.address for field in contract.fields)
-
-
-@pytest.mark.parametrize("contract", CONTRACTS.values(), ids=list(CONTRACTS))
 def test_every_device_carries_the_word_order_probe(contract: Contract) -> None:
     probe = contract["probe"]
     assert (probe.type, probe.default, probe.access) == ("uint32", 0x12345678, "ro")
     expected = "12 34 56 78" if contract.bus == "modbus" else "78 56 34 12"
     assert contract.encode("probe", float(PROBE)) == bytes.fromhex(expected)
-
-
-def test_a_process_data_object_fits_a_classic_frame_and_leaves_sync_alone() -> None:
-    node = CONTRACTS["sensor_node"]
-    for pdo in node.pdos:
-        assert sum(node[name].size for name in pdo.fields) <= 8
-        assert pdo.base in (0x180, 0x280, 0x380, 0x480)
 
 
 def test_twenty_nodes_at_1_kHz_need_five_real_buses() -> None:
@@ -133,11 +100,6 @@ def test_status_bits_have_names() -> None:
     assert TOY.set_bits("status", 0b0110) == {"bit 1", "bit 2"}  # which the contract does not name
 
 
-def test_a_setting_describes_itself_with_its_limits_or_choices() -> None:
-    assert TOY.described("speed", 3.5) == "speed = 3.5 m/s (0.5 to 20)"
-    assert TOY.described("mode", "fast") == "mode = fast (slow, fast)"
-
-
 def test_a_reading_has_no_limits_but_those_of_its_type() -> None:
     assert TOY.pack("position", -2147.483648) == b"\x80\x00\x00\x00"
     with pytest.raises(struct.error):
@@ -155,8 +117,9 @@ def test_bytes_of_another_length_are_refused(data: bytes) -> None:
 
 
 def test_an_unknown_field_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(UnknownName, match=r"unknown field of the toy device 'positon' \(did you mean 'position'\?\)"):
-        TOY.encode("positon", 1.0)
+    for asked in (TOY.encode, TOY.misread):
+        with pytest.raises(UnknownName, match=r"field of the toy device 'positon' \(did you mean 'position'\?\)"):
+            asked("positon", 1.0)
 
 
 # --- the digest that a run keeps -----------------------------------------------------------------------

@@ -133,15 +133,6 @@ def test_a_scale_may_be_decimals_a_factor_or_a_table(scaling: Scaling, told: flo
     assert thing.pack("value", 100 * factor, {"scale": told}) == bytes.fromhex("00 64")
 
 
-def test_a_scale_that_the_table_lacks_is_an_error_and_no_guess() -> None:
-    thing = contract(
-        Field("value", 0x10, "int16", "value", scaling=Scaling("scale", "table", {0: 1.0})),
-        Field("scale", 1, "uint16", "scale"),
-    )
-    with pytest.raises(KeyError):
-        thing.decode("value", b"\0\1", {"scale": 3})
-
-
 # 0 would make any reading 0, and 65535 decimals no float
 @pytest.mark.parametrize(
     ("scaling", "told", "error"),
@@ -204,23 +195,10 @@ def test_limits_of_a_scale_that_is_told_are_physical(value: float, fits: bool) -
     assert (thing.misread("value", value) == "") == fits
 
 
-def test_a_setting_that_does_not_fit_in_the_scale_that_is_told_is_refused() -> None:
-    thing = contract(replace(SCALED, access="rw"), SCALE)
-    with pytest.raises(RangeError, match="value = 1000 does not fit a int16"):
-        thing.encode("value", 1000.0, {"scale": 2})
-
-
 def test_a_limit_may_exceed_what_a_type_holds_in_a_scale_that_is_told() -> None:
     thing = contract(replace(SCALED, scaling=Scaling("scale", "factor"), maximum=1e6), SCALE)
     assert thing.decode("value", b"\0\5", {"scale": 1e5}) == 5e5
     assert thing.shown("value", b"\0\5") == "value = 00 05 (its scale or sign is not known here)"
-
-
-def test_a_value_that_says_that_there_is_none_is_not_a_number() -> None:
-    thing = one(missing=(99999,))
-    assert math.isnan(thing.decode("value", (99999).to_bytes(4, "big")))
-    assert thing.misread("value", math.nan) == ""
-    assert thing.pack("value", math.nan) == (99999).to_bytes(4, "big")
 
 
 FLT_MAX, NO_READING = "7F7F FFFF", "7CF0 0000"  # 3.4028235e38 and 9.96921e36, as manuals give them

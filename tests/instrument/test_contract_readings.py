@@ -9,9 +9,9 @@ import pytest
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Identity
-from palpate.instrument.contracts.field import PROBE, Field, probe
+from palpate.instrument.contracts.field import Field
 from palpate.instrument.contracts.own import shortest_transfer, stuff_bits
-from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.errors import RangeError
 
 OVEN = Contract(
     name="oven",
@@ -113,18 +113,7 @@ def test_a_setting_is_described_with_what_may_be_written() -> None:
     assert OVEN.described("name", "a") == "name = 'a' (text of up to 6 bytes)"
     assert OVEN.described("setpoint", 7.5) == "setpoint = 7.5 degC (-10 to 60)"
     assert OVEN.described("order", 7) == "order = 7 (0 to 9)"
-
-
-def test_the_word_order_probe_tells_its_bytes_apart() -> None:
-    field = probe(0x40)
-    contract = Contract("toy", "toy", "modbus", OVEN.identity, (field,))
-    assert (field.name, field.address, field.type, field.default) == ("probe", 0x40, "uint32", PROBE)
-    assert contract.pack("probe", PROBE) == bytes.fromhex("12345678")
-
-
-def test_a_device_is_named_where_a_field_is_unknown() -> None:
-    with pytest.raises(UnknownName, match="unknown field of the oven 'setpont'"):
-        OVEN.misread("setpont", 1.0)
+    assert OVEN.described("heater", "on") == "heater = on (off, on)"
 
 
 # --- a CAN bus -----------------------------------------------------------------------------------------
@@ -172,22 +161,6 @@ def test_a_device_that_was_switched_on_holds_what_was_written_down_here_and_else
     contract = CONTRACTS[name]
     held = {field.name: field.default for field in contract.fields if field.name != "probe"}
     assert {name: value for name, value in held.items() if value not in (0.0, "")} == SWITCHED_ON[name]
-
-
-@pytest.mark.parametrize(
-    ("name", "order"),
-    [
-        ("shaker_amplifier", "clear_faults"),
-        ("signal_generator", "phase_reset"),
-        *(("sensor_node", f"reset_{channel}") for channel in range(1, 5)),
-    ],
-)
-def test_an_order_that_is_given_by_writing_1_takes_nothing_else(name: str, order: str) -> None:
-    contract = CONTRACTS[name]
-    assert contract.encode(order, 1)
-    for value in (0, 2):
-        with pytest.raises(RangeError, match=f"{order} = {value} is outside 1 to 1"):
-            contract.encode(order, value)
 
 
 WHOLE = 2**32 - 1

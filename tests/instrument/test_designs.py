@@ -12,7 +12,6 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.models.parameters import PHYSICAL, solid_parameters
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.sensor.designs import DESIGNS, array_of, get_design
-from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import read_table
 
 
@@ -32,14 +31,6 @@ def test_every_tooth_has_its_film_and_every_film_its_channel(design: Design) -> 
     assert rigid == [(k,) for k in range(len(design.teeth))]
     total = [tooth for film in design.films if film.name.startswith("total") for tooth in film.teeth]
     assert sorted(total) == list(range(len(design.teeth)))
-
-
-@pytest.mark.parametrize("name", ["single", "common_base", "different_base"])
-def test_measured_designs_order_the_samples_by_hardness(name: str) -> None:
-    design = get_design(name)
-    assert set(design.thesis_force_ratio) == set(design.thesis_softness_order) == set(SAMPLES)
-    assert design.thesis_force_ratio["1"] == max(design.thesis_force_ratio.values())
-    assert design.thesis_force_ratio["2"] == min(design.thesis_force_ratio.values())
 
 
 @pytest.mark.parametrize("count", [8, 11, 22])

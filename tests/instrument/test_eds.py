@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import hashlib
-import time
 from pathlib import Path
 
 import pytest
@@ -152,13 +151,3 @@ def test_a_huge_file_is_not_read(tmp_path: Path) -> None:
         opened.truncate(LARGEST_SHEET + 1)
     with pytest.raises(ConfigError, match=r"drive.eds: larger than 10000000 bytes"):
         imported(file, ())
-
-
-@pytest.mark.slow
-def test_a_file_of_thousands_of_objects_is_imported_in_five_seconds_of_processor_time(tmp_path: Path) -> None:
-    many = [f"{index:04X}" for index in range(0x2000, 0x2000 + 5000)]
-    text = drive() + "".join(section(index, DataType="0x7", AccessType="rw", DefaultValue="7") for index in many)
-    began = time.process_time()
-    found = of(tmp_path, text, *many)
-    assert len(found.contract.fields) > 5000
-    assert time.process_time() - began < 5

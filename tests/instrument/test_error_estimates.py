@@ -50,52 +50,14 @@ def test_under_a_point_load_what_has_no_end_does_not_count() -> None:
 
 
 @pytest.mark.slow
-def test_no_estimate_of_a_random_sensor_is_below_the_error() -> None:
-    result = estimates.tried(1)
-    assert not result.refused
-    assert len(result.claims) == 2
-    assert all(0 < claim["ratio"] <= 1 for claim in result.claims)
-
-
-@pytest.mark.slow
-def test_two_meshes_that_agree_by_luck_are_held_against_one_before(monkeypatch: pytest.MonkeyPatch) -> None:
-    """The second mesh of this random capped ring is off by 2.7 times the change, at all moduli of a window."""
-    sensor = estimates.sensor(1204)
-    curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3, 4)]
-    for manner, held in ((axisymmetric.OF_TWO, True), (replace(axisymmetric.OF_TWO, luck=0.0, product=0.0), False)):
-        monkeypatch.setattr(axisymmetric, "OF_TWO", manner)
-        second, third = estimates.claims(1204, sensor, curves)
-        assert (second.ratio <= 1) == held
-        assert third.ratio <= 1
-
-
-@pytest.mark.slow
 @pytest.mark.timeout(120)
-@pytest.mark.parametrize("number", [326, 2088])
+@pytest.mark.parametrize("number", [563, 1010, 1204, 2088])
 def test_random_round_sensors_that_earlier_rules_missed_are_held(number: int) -> None:
-    """Meshes that agree by luck at some moduli, and one whose truth and its twin are rounded alike."""
-    assert all(claim["ratio"] <= 1 for claim in estimates.tried(number).claims)
-
-
-@pytest.mark.slow
-def test_two_meshes_say_little_of_voltages() -> None:
-    """Those of this random round sensor are off by more than four times their change."""
-    sensor = estimates.sensor(1010)
-    curves = [axisymmetric.curve(sensor, refinement) for refinement in (1, 2, 3)]
-    (claim,) = estimates.claims(1010, sensor, curves)
-    assert claim.voltage is not None and 0.5 < claim.voltage <= 1
-
-
-@pytest.mark.slow
-@pytest.mark.timeout(120)
-def test_the_digits_that_a_stiff_sheet_loses_beside_a_narrow_gap_are_told() -> None:
-    """The finest mesh of this random sensor rounds its ratio by 3e-5: another unit of length says so."""
-    sensor = estimates.sensor(563)
-    curves = [axisymmetric.curve(sensor, refinement) for refinement in axisymmetric.REFINEMENTS]
-    found = list(estimates.claims(563, sensor, curves))
-    assert all(claim.ratio <= 1 for claim in found)
-    told, _ = axisymmetric.rounding(curves, sensor, 1e4 * np.array([sensor.compliant_modulus]))
-    assert told[0] > 1e-5
+    """Digits that a stiff sheet loses beside a narrow gap; voltages off by four times their change; a capped ring whose
+    meshes agree by luck at all moduli of a window; and one whose truth and its twin are rounded alike.
+    """
+    found = estimates.tried(number).claims
+    assert found and all(0 < claim["ratio"] <= 1 and (claim["voltage"] or 0) <= 1 for claim in found)
 
 
 @pytest.mark.slow

@@ -10,7 +10,7 @@ import pytest
 
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.signals.estimate import CONDITION_LIMIT, SineFit, fit_sine
+from palpate.instrument.signals.estimate import CONDITION_LIMIT, fit_sine
 from tests.ratios import amplitude_ratio
 from tests.shares import first_of
 
@@ -121,13 +121,6 @@ def test_the_ratio_reaches_the_cramer_rao_bound_and_says_so(relative: float, cyc
     assert 0.9 * values.var() <= np.mean(uncertainties**2) <= unsure(cycles) * values.var()
 
 
-def test_over_ten_cycles_the_trend_costs_less_than_a_percent() -> None:
-    time, sigma, amplitude = times(10), np.array([0.1, 0.1]), np.array([1.0, 1.0])
-    simple = math.sqrt(2 / time.size * float(((sigma / amplitude) ** 2).sum()))
-    worst = max(ratio_bound(time, sigma, amplitude, phase) for phase in np.linspace(0, math.pi, 30))
-    assert worst == pytest.approx(simple, rel=0.01)
-
-
 def test_the_ratio_is_biased_by_less_than_a_tenth_of_its_uncertainty() -> None:
     amplitude = np.array([0.3, 1.0])
     values, uncertainties = ratios(times(10), 0.03 * amplitude, amplitude, np.array([0.2, 0.2]))
@@ -167,11 +160,6 @@ def test_a_noiseless_and_a_dead_channel_have_a_defined_correlation() -> None:
     assert fit.amplitude[0] == fit.amplitude_u[0] == fit.rapid.rms[0] == 0.0
 
 
-def test_just_above_a_quarter_cycle_the_condition_number_refuses() -> None:
-    with pytest.raises(EstimateError, match=r"condition number 1\d\d, limit 100; record a whole cycle"):
-        fit_sine(times(0.26), [tone(times(0.26))], FREQUENCY)
-
-
 def test_a_third_of_a_cycle_is_accepted_with_its_price_in_the_uncertainty() -> None:
     short, whole = times(0.3), times(1)
     rng = np.random.default_rng(5)
@@ -185,12 +173,6 @@ def test_a_third_of_a_cycle_is_accepted_with_its_price_in_the_uncertainty() -> N
     stated = float(np.concatenate([fit.amplitude_u for fit in fits]).mean())
     assert 0.9 * spread <= stated <= unsure(0.3) ** 0.5 * spread
     assert stated > 30 * 1e-4 * math.sqrt(2 / whole.size)
-
-
-def test_a_cosine_sampled_at_its_zeros_is_refused() -> None:
-    time = np.arange(100) / (2 * FREQUENCY)
-    with pytest.raises(EstimateError, match="condition number"):
-        fit_sine(time, [np.ones_like(time)], FREQUENCY)
 
 
 def test_samples_that_are_not_finite_are_counted_by_channel() -> None:
@@ -217,6 +199,8 @@ def test_samples_that_are_not_finite_are_counted_by_channel() -> None:
         (times(1), np.zeros((1, 100)), -10.0, r"frequency -10\.0 Hz must be positive"),
         (times(1), np.zeros((1, 100)), math.nan, "frequency nan Hz must be positive"),
         (times(1), np.zeros((1, 100)), math.inf, "inf Hz lies above half the sample rate"),
+        (times(0.26), [tone(times(0.26))], 10.0, r"condition number 1\d\d, limit 100; record a whole cycle"),
+        (np.arange(100) / 20, np.ones((1, 100)), 10.0, "condition number"),  # a cosine at its zeros
     ],
 )
 def test_a_record_that_does_not_determine_the_sine_is_refused(
@@ -224,19 +208,3 @@ def test_a_record_that_does_not_determine_the_sine_is_refused(
 ) -> None:
     with pytest.raises(EstimateError, match=message):
         fit_sine(time, signals, frequency)
-
-
-def noisy(amplitude: float) -> SineFit:
-    time = times(10)
-    noise = np.random.default_rng(8).normal(scale=0.1, size=(2, time.size))
-    return fit_sine(time, np.stack([tone(time), tone(time, amplitude)]) + noise, FREQUENCY)
-
-
-def test_a_ratio_of_nearly_nothing_keeps_its_uncertainty() -> None:
-    value, u = amplitude_ratio(noisy(0.0), 1, 0)
-    assert 0 <= value < 0.02
-    assert u == pytest.approx(0.1 * math.sqrt(2 / 1000), rel=3 / math.sqrt(2 * noisy(0.0).degrees_of_freedom))
-
-
-def test_a_channel_over_itself_is_exactly_one() -> None:
-    assert amplitude_ratio(noisy(0.5), 1, 1) == pytest.approx((1.0, 0.0), abs=1e-9)

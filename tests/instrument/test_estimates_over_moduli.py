@@ -223,38 +223,6 @@ def test_meshes_see_too_little_of_a_load_in_one_point_on_a_flat_object(thickness
     assert ladders.is_hard(replace(shaped, load_at=(5e-3, 4e-3))) == hard
 
 
-def test_the_solid_model_asks_what_the_degree_along_the_height_leaves() -> None:
-    at = np.array([1e5])
-    plain, asked = (np.array(solid.estimates([FINE] * 3, FEW, at, [FINE, each])) for each in (FINE, COARSE))
-    once = Manner(0.0, (1.0,), (1.0,), luck=0.0, far=0.3)
-    (ratio, voltage), none = estimates([FINE, COARSE], at, once), [[1e-8], [0.0]]
-    assert asked - none == pytest.approx(0.4 * np.array([ratio, voltage]))
-    assert plain == pytest.approx(np.array(none))
-
-
-@pytest.mark.parametrize(("sensor", "share"), [(FEW, 0.05 * 1.2), (THIN_RUBBER, 0.3 * 0.2)])
-def test_two_meshes_of_the_solid_model_that_agree_by_luck_leave_a_share_of_what_a_sketch_was_off_by(
-    sensor: SolidParameters, share: float
-) -> None:
-    assert [mesh for _, mesh in solid.beside(sensor, 2)] == [ladders.OF_FEW_TEETH.sketch]
-    at = np.array([1e5])
-    (found,), _ = solid.estimates([FINE, FINE], sensor, at, [COARSE])
-    whole = Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3)
-    assert found - 1e-8 == pytest.approx(share * estimates([COARSE, FINE], at, whole)[0][0])
-
-
-@pytest.mark.parametrize(("sensor", "factor"), [(FEW, 0.95), (THIN_RUBBER, 4.5)])
-def test_the_solid_model_counts_what_its_meshes_differ_by_four_decades_away(
-    sensor: SolidParameters, factor: float
-) -> None:
-    at, by_change = np.array([3e9]), Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3)
-    (near,), _ = estimates([COARSE, FINE], at, by_change)
-    (whole,), _ = estimates([COARSE, FINE], at, replace(by_change, distant=0.003))
-    (found,), _ = solid.estimates([COARSE, FINE], sensor, at, [COARSE])
-    assert found - 1e-8 == pytest.approx(factor * whole)
-    assert whole > 1.5 * near
-
-
 @pytest.mark.parametrize(("thickness", "told"), [(0.09, True), (0.11, False)])
 def test_the_solid_model_tells_what_the_mesh_of_a_sheet_may_be_rounded_by(
     thickness: float, told: bool, monkeypatch: pytest.MonkeyPatch

@@ -60,8 +60,3 @@ def test_every_model_of_the_registry_has_a_class_and_an_unknown_set_is_refused()
     assert {of_experiment(RATIO, ratio_by(model), "A2.9") for model in MODELS if model != "experiment"} == {PREDICTED}
     with pytest.raises(UnknownName, match="unknown parameter set 'fitted'"):
         ratio_by("solid", "fitted")
-
-
-def test_each_class_has_one_sentence() -> None:
-    assert len({each.meaning for each in Evidence}) == 3
-    assert all(each.meaning.count(".") == 0 and len(each.meaning) < 110 for each in Evidence)

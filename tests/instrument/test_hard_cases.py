@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-import math
 from dataclasses import replace
 
 import numpy as np
@@ -12,7 +10,6 @@ import scipy
 
 from palpate.instrument.models import beam, springs
 from palpate.instrument.models.axisymmetric import mesh
-from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.beam import BeamSegment
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
@@ -43,15 +40,6 @@ def test_forces_from_nodal_values_lose_what_those_from_differences_keep() -> Non
     foil = replace(FOIL, support="rigid", compliant_poisson=0.3)
     assert naive.lost_force(foil, 3, 2) > 1e-8
     assert solve_on(foil, 3, 2).imbalance < 1e-12
-
-
-@pytest.mark.slow
-def test_rounding_grows_with_every_layer_of_a_plain_program() -> None:
-    foil = replace(FOIL, support="rigid", compliant_poisson=0.3)
-    finest = axisymmetric.REFINEMENTS[-1] + 1
-    assert naive.lost_force(foil, 3, 1) < 1e-4
-    assert naive.lost_force(foil, 3, finest) > 1e-3
-    assert solve_on(foil, 3, finest).imbalance < 1e-10
 
 
 @pytest.mark.slow
@@ -121,24 +109,6 @@ def test_the_tooth_may_take_a_hundredth_or_nearly_all_of_the_face(radius: float)
         sensor, sensed_modulus=1.0, sensed_thickness=1e-5, sensed_poisson=0.0, ring_inner_radius=radius + 1e-6
     )
     assert solve(film, 1).force_ratio == pytest.approx(((radius + 0.5e-6) / 5e-3) ** 2, rel=5e-4)
-
-
-@pytest.mark.slow
-def test_a_uniform_mesh_of_linear_elements_converges_at_first_order_and_a_graded_one_beats_it_with_a_tenth() -> None:
-    plain = replace(RIGID, sensed_modulus=240e3, compliant_poisson=0.3)
-    exact = solve(plain, 2).force_ratio
-    face = plain.film_thickness + plain.sensor_height
-    errors = []
-    for n in (1, 2):
-        corners = ((0.0, 14 * n), (1.4e-3, n), (1.5e-3, 35 * n), (5e-3, 0))
-        radii = [np.linspace(a, b, k, endpoint=False) for ((a, k), (b, _)) in itertools.pairwise(corners)]
-        heights = [np.linspace(0, face, 39 * n, endpoint=False), np.linspace(face, face + 3e-3, 30 * n + 1)]
-        ratio = naive.linear_elements_ratio(plain, np.append(np.concatenate(radii), 5e-3), np.concatenate(heights))
-        errors.append(abs(ratio - exact))
-    assert 0.7 < math.log2(errors[0] / errors[1]) < 1.1
-    graded = solve_on(plain, 3, 2, mixed=False)
-    assert graded.unknowns < 28_000 / 9
-    assert abs(graded.force_ratio - exact) < errors[1] / 9
 
 
 def test_many_elements_of_a_beam_drown_it_in_rounding_where_rigid_motion_is_not_apart() -> None:

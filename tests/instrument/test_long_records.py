@@ -10,16 +10,11 @@ import pytest
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.signals import estimate
 from palpate.instrument.signals.estimate import (
-    COEFFICIENTS,
     SEGMENT,
-    RecordInPieces,
     SineFit,
-    Sums,
     fit_pieces,
     fit_sine,
-    scaled_rows,
 )
-from palpate.instrument.signals.noise import Cycles
 
 RATE = 1000.0  # Hz
 COUNT, LONG = 40_000, 30_000  # samples; what counts as long here, so that the factorization is quick
@@ -79,20 +74,6 @@ def test_times_that_do_not_determine_a_sine_are_refused_for_a_long_record_too(mo
     assert said[0] == said[1]
 
 
-def test_sums_over_uneven_pieces_are_least_squares_of_the_whole() -> None:
-    t, y = record(10.0, 0.02)
-    t, y = t - (t[0] + t[-1]) / 2, y - 2.0
-    sums = Sums(10.0, t[-1], mains=(50.013,), slopes=False)
-    for part in np.split(np.arange(COUNT), [1, 1000, 30_000]):
-        sums.add(t[part], y[:, part])
-    turns = [2 * np.pi * frequency * t for frequency in (10.0, 50.013)]
-    columns = [each for turn in turns for each in (np.cos(turn), np.sin(turn))]
-    columns[2:2] = [np.ones(COUNT), t]
-    whole, *_ = np.linalg.lstsq(np.stack(columns, axis=1), y.T, rcond=None)
-    found = sums.solve() * sums.scale[:, np.newaxis]
-    assert found[:COEFFICIENTS] == pytest.approx(whole[:COEFFICIENTS], rel=1e-9, abs=1e-13)
-
-
 # --- a record that is read in pieces, whose noise is told by segments ------------------------------------
 
 
@@ -148,30 +129,6 @@ def test_beside_the_mains_a_record_in_pieces_leaks_as_much_hum_as_one_in_memory(
     assert whole.most_hum > 0
     for name in ("hum", "most_hum", "hum_u", "amplitude"):
         assert getattr(pieces, name) == pytest.approx(getattr(whole, name), rel=1e-9), name
-
-
-def test_the_rapid_noise_of_parts_together_is_that_of_the_whole() -> None:
-    t = np.arange(2500) / 250.0
-    left = np.random.default_rng(7).standard_normal((2, 2500)) + 0.3 * np.sin(2 * np.pi * 10 * t)
-    whole = Cycles.of(t, left, 25)
-    edges = [(0, 500), (500, 2000), (2000, 2500)]
-    parts = [Cycles.of(t[first:end], left[:, first:end], 25) for first, end in edges]
-    together = parts[0] + parts[1] + parts[2]
-    for name in ("count", "total", "at_place", "scatter", "greatest"):
-        assert getattr(together, name) == pytest.approx(getattr(whole, name), rel=1e-12), name
-
-
-def test_the_hum_over_time_does_not_depend_on_where_a_record_is_cut() -> None:
-    t, y = record(10.0, 0.02)
-    long = RecordInPieces.of(in_parts(t, y, 333))
-    basis, scaled = long.at(long.columns(10.0), (50.0,))
-    _, (found,) = long.demodulated(basis, scaled)
-    t = t - long.middle
-    left = y - y.mean(axis=1, keepdims=True) - scaled[:4].T @ scaled_rows(t, 10.0, (), False, basis.scale[:4])
-    turned = (left * np.exp(-2j * np.pi * 50.0 * t)).reshape(2, -1, 500).sum(axis=2)
-    # a sample at the edge of a block may belong to either of two, by round-off
-    assert found == pytest.approx(2 / COUNT * turned, abs=2 * 2 / COUNT * 0.03)
-    assert np.abs(found).min() > 1e-4
 
 
 def test_a_slow_bend_of_a_record_in_pieces_does_not_count_as_noise() -> None:

@@ -130,11 +130,6 @@ def test_bytes_of_a_frame_may_have_commas_as_some_manuals_print_them(tmp_path: P
     assert prove(found.contract, found.frames).problems == ()
 
 
-def test_an_unknown_kind_names_the_shipped_maps() -> None:
-    with pytest.raises(UnknownName, match="did you mean 'flintec-dad-141'"):
-        device_kind("flintec-dad-14")
-
-
 # --- what is wrong -------------------------------------------------------------------------------------
 
 SCALED = """

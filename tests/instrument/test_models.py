@@ -6,7 +6,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.errors import RangeError
 from palpate.instrument.models import springs
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS
@@ -55,11 +55,6 @@ def test_the_stack_is_the_tooth_column_beside_the_ring_column() -> None:
     assert answer.force_ratio == pytest.approx(tooth / (tooth + ring), rel=1e-12)
 
 
-def test_the_experiment_gives_back_the_measured_ratios() -> None:
-    for name, measured in SINGLE.thesis_force_ratio.items():
-        assert ratio(get_sample(name), "experiment") == measured
-
-
 def test_the_experiment_has_no_step_at_a_sample() -> None:
     for name, measured in SINGLE.thesis_force_ratio.items():
         towards_the_others = 1e-9 if name != "1" else -1e-9  # the hardest
@@ -96,16 +91,6 @@ def test_forces_are_proportional_to_the_load_and_in_their_ratio(model: str) -> N
     assert four.force_rigid == pytest.approx(4 * one.force_rigid, rel=1e-14)
     assert four.force_rigid / four.force_total == pytest.approx(four.force_ratio, rel=1e-14)
     assert four.stiffness == one.stiffness > 0
-
-
-def test_the_measured_ratios_are_the_default_model() -> None:
-    load = Load(force=2.0, sensed=get_sample("5"))
-    assert response(SINGLE, load) == response(SINGLE, load, "experiment")
-
-
-def test_an_unknown_model_is_refused_with_the_nearest_name() -> None:
-    with pytest.raises(UnknownName, match="did you mean 'column'"):
-        ratio(get_sample("1"), "colum")
 
 
 @pytest.mark.parametrize("force", [0.0, -1.0, math.nan, math.inf])

@@ -121,11 +121,6 @@ def test_a_tolerance_is_relative_to_the_smallest_ratio_of_each_interval() -> Non
             relative.choose(ROUND.name, low, high, 0.99 * error)
 
 
-def test_the_experiment_is_no_solution_and_never_chosen() -> None:
-    told = replace(LIST, prices=(price("experiment", (0.001, 0.001, 0.001), 1e-9), *LIST.prices))
-    assert told.choose(ROUND.name, 2e4, 9e4, 0.1).model == "column"
-
-
 def test_a_refusal_names_the_sensors_that_meet_the_tolerance() -> None:
     other = replace(LIST.references[0], design="other"), replace(LIST.prices[5], design="other", errors=(1e-9,) * 3)
     both = replace(

@@ -67,26 +67,6 @@ def test_rubber_locks_plain_displacement_elements_and_not_the_shipped_ones(monke
     assert abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999)) > 10 * shipped
 
 
-@pytest.mark.parametrize("place", [(0.0, 5e-3), (0.0, 0.0), (10e-3, 10e-3)])
-def test_a_load_at_edge_and_corner_is_carried_with_its_moment(place: tuple[float, float]) -> None:
-    """Only the ring's foot holds sideways, so that upright forces alone balance the load's moment about the edge."""
-    system = System(replace(RIGID, load_at=place), SMALLEST)
-    stack, moved = system.stack, np.append(system.displacement(system.load(place)), 0.0)
-    force, moment = 0.0, 0.0
-    for part, modulus in ((stack.object, RIGID.sensed_modulus), (stack.ring, 1.0)):
-        body, nodes = part.body, part.body.plan.nodes
-        lowest = np.arange(0, body.count, len(body.height.local))
-        forces = modulus * (body.stiffness(lowest) @ moved[body.local(part.names, lowest)][..., None])[..., 0]
-        carries = stack.over_teeth(body) if part is stack.object else np.ones(len(nodes), dtype=bool)
-        for weights, total in ((stack.one[nodes], "force"), (stack.places[0, nodes], "moment")):
-            reached = np.zeros(body.shape)
-            reached[2, 0, carries] = weights[carries]
-            sum_ = 2 ** sum(system.mirrored) * float((forces * body.local(reached, lowest)).sum())
-            force, moment = (force + sum_, moment) if total == "force" else (force, moment + sum_)
-    assert force == pytest.approx(1.0, abs=1e-10)
-    assert moment == pytest.approx(place[0], abs=1e-12)
-
-
 @pytest.mark.slow
 def test_mirrored_loads_give_the_mirrored_array(monkeypatch: pytest.MonkeyPatch) -> None:
     meshes.give(monkeypatch, SMALLEST)

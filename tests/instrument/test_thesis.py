@@ -65,14 +65,6 @@ def keeps_what_is_printed(number: str) -> None:
                 assert float(cell.printed) != cell.value
 
 
-def test_the_shifted_forces_of_table_a2_1_are_put_right() -> None:
-    table = read_table("A2.1")
-    cell = table.columns["force_rigid_N"][table.rows.index("95400")]
-    assert (cell.printed, cell.value) == ("-0.3089", -0.3221)
-    volts, force = table.values("voltage_pvdf2_V"), table.values("force_rigid_N")
-    assert volts / force == pytest.approx(1e-3, rel=5e-3)
-
-
 def test_an_unknown_table_is_refused_with_those_there_are() -> None:
     with pytest.raises(UnknownName, match=r"table of the thesis 'A2.8'.*valid: 4.1, 4.2"):
         read_table("A2.8")
