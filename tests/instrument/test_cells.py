@@ -9,39 +9,10 @@ import numpy as np
 import pytest
 
 from palpate.instrument.models.parameters import SolidParameters
-from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.models.solid.system import Alike, System, alike
-
-SMALL = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
-MODULI = 24e3 * np.logspace(-2, 8, 21)
-ROW = SolidParameters(
-    sensed_modulus=1.0, cell_length=12e-3, cell_width=12e-3, outline="square", ring_outline="round", columns=2
-)
-CHANGES: dict[str, dict[str, Any]] = {
-    "two and a half of five": {"columns": 5},
-    "bases of their own": {"columns": 4, "rows": 2, "separate_bases": True},
-    "capped": {"columns": 4, "interface": "capped"},
-}
-PLAIN = ("capped",)
-
-
-@pytest.mark.parametrize(
-    "name", [pytest.param(name, marks=() if name in PLAIN else pytest.mark.slow) for name in CHANGES]
-)
-def test_one_cell_for_all_gives_what_each_for_itself_does(name: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    sensor = replace(ROW, **CHANGES[name])
-    system = System(sensor, SMALL)
-    assert all(isinstance(each._alike, Alike) for each in (system._sensor, system._sensed))
-    found = system.curve([system.load(sensor.load_at)]).poles
-    monkeypatch.setattr("palpate.instrument.models.solid.system.alike", lambda *_: None)
-    apart = System(sensor, SMALL)
-    known = apart.curve([apart.load(sensor.load_at)]).poles
-    tolerance = 1e-7 if sensor.sensed_poisson == 0.5 else 1e-10
-    for answers in ("force_ratios", "values", "voltages", "shorted"):
-        values, expected = (getattr(curve, answers)(MODULI) for curve in (found, known))
-        assert values == pytest.approx(expected, rel=tolerance, abs=tolerance * np.abs(expected).max(initial=1e-300))
-    for energies, expected in zip(found.energies(MODULI), known.energies(MODULI), strict=True):
-        assert energies == pytest.approx(expected, rel=1e-7)
+from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
+from palpate.instrument.models.solid.parts import Diagonal, SolidStack
+from palpate.instrument.models.solid.system import alike, symmetry
+from tests.shares import first_of
 
 
 def test_cells_are_alike_where_places_and_joints_are() -> None:
@@ -56,3 +27,41 @@ def test_cells_are_alike_where_places_and_joints_are() -> None:
     assert alike(unknowns[:2], cells[:2], relative[:2]) is None
     assert alike(unknowns, cells, np.arange(8)[:, None]) is None  # no element is another's translation
     assert alike(unknowns, np.zeros(8, dtype=int), relative) is None
+
+
+# --- Sensors that are their own mirror image about the diagonal: what is eliminated in sums and differences
+
+SMALLEST = OF_FEW_TEETH.resolutions[0]
+SOFT = SolidParameters(sensed_modulus=1.0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "is_halved"),
+    first_of(
+        [
+            ({}, True),
+            ({"load_at": (5e-3, 5e-3)}, True),
+            ({"load_at": (6e-3, 5e-3)}, False),
+            ({"load_at": (6e-3, 6e-3)}, True),
+            ({"columns": 2}, False),
+            ({"cell_width": 11e-3}, False),
+            ({"rows": 2, "columns": 2, "separate_bases": True}, True),
+        ]
+    ),
+)
+def test_a_sensor_is_halved_where_it_is_its_own_mirror_image(changed: dict[str, Any], is_halved: bool) -> None:
+    sensor = replace(SOFT, **changed)
+    found = Diagonal(SolidStack(sensor, SMALLEST, symmetry(sensor)))
+    columns = np.arange(3.0 * found.stack.unknowns).reshape(-1, 3)
+    assert np.array_equal(found.turned(columns), columns) is not is_halved
+    assert found.turned(found.turned(columns)) == pytest.approx(columns)
+
+
+def test_halves_have_half_of_the_unknowns_but_for_those_on_the_diagonal() -> None:
+    stack = SolidStack(SOFT, SMALLEST, (True, True))
+    sums, differences = Diagonal(stack).pieces(stack.object)
+    counts = [len(np.unique(piece.unknowns[piece.unknowns >= 0])) for piece in (sums, differences)]
+    free = np.unique(stack.object.names[stack.object.names >= 0])
+    assert sum(counts) == len(free)
+    assert counts[0] > counts[1] > 0.4 * len(free)
+    assert not np.intersect1d(sums.unknowns[sums.unknowns >= 0], differences.unknowns).size

@@ -6,17 +6,12 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-import scipy
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import elimination, poles, work
 from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, dissected
 from palpate.instrument.models.finite_elements.poles import Sensor, curve, projected
-from palpate.instrument.models.parameters import PHYSICAL, solid_parameters
-from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.models.solid.system import System
-from palpate.instrument.sensor.designs import get_design
 
 Array = NDArray[np.float64]
 SIDE = 9  # elements along a square; its nodes have one unknown each, and so has the inside of each element
@@ -104,37 +99,11 @@ def test_fronts_that_do_not_fit_into_memory_are_refused_before_they_begin(monkey
         condense(replace(mesh, matrices=begun))
 
 
-@pytest.mark.parametrize("size", [0, 1, 7, 300])
-def test_what_lets_other_threads_run_gives_the_digits_of_scipy(size: int) -> None:
-    rng = np.random.default_rng(1)
-    columns = rng.standard_normal((size + 5, size))
-    matrix = columns.T @ columns + np.eye(size)
-    factor = elimination.factorised(matrix.copy())
-    assert factor is not None
-    if size:
-        assert np.array_equal(np.tril(factor), scipy.linalg.lapack.dpotrf(matrix, lower=1, clean=1)[0])
-        expected = scipy.linalg.blas.dtrsm(1.0, factor, columns, side=1, lower=1, trans_a=1)
-        assert np.array_equal(elimination.solved(factor, columns.copy()), expected)
-        whole = columns @ columns.T
-        expected = scipy.linalg.blas.dsyrk(-1.0, columns, beta=1.0, c=whole, lower=1)
-        assert np.array_equal(np.tril(elimination.less_square(whole.copy(), columns)), np.tril(expected))
-        assert elimination.factorised(-matrix) is None
-
-
 def test_the_free_memory_is_known_and_a_limit_of_this_process_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     known = work.free_memory() or 0
     assert known > 1e8
     monkeypatch.setattr(work.resource, "getrlimit", lambda _which: (1024, 1024))
     assert work.free_memory() == 0
-
-
-def test_a_pair_is_cut_between_its_cells_where_the_fewest_unknowns_are_passed_on() -> None:
-    """Cuts at the median alone left a front of 2,198 unknowns."""
-    mesh = Resolution(layers=2, ratio=0.2, sectors=1, degree=3)
-    system = System(solid_parameters(get_design("common_base"), PHYSICAL.load(1e5)), mesh)
-    side = system._sensor
-    found = dissected(side._unknowns, side._coordinates, system.contact[side.has])
-    assert max(front.size for front in found.fronts) < 1500
 
 
 def test_unknowns_inside_an_element_burden_no_front() -> None:

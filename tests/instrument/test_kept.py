@@ -137,7 +137,7 @@ def _rewritten(path: Path, **changed: Any) -> bytes:
 
 @pytest.mark.parametrize(
     "damage",
-    ["empty", "cut", "one bit", "text", "other sensor's", "not finite", "other shapes", "too many", "huge", "order"],
+    ["empty", "cut", "one bit", "text", "other sensor's", "not finite", "other shapes", "too many", "huge", "a name"],
 )
 def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
     room: Path, monkeypatch: pytest.MonkeyPatch, damage: str
@@ -157,7 +157,7 @@ def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
         "other shapes": _rewritten(path, arrays={**shapes, "rates": [1], "ratio": [5]}),
         "too many": _rewritten(path, arrays={**shapes, "rates": [2]}),
         "huge": _rewritten(path, arrays={**shapes, "rates": [10**12]}),
-        "order": _swapped(whole),
+        "a name": whole.replace(b"rates", b"ratex", 1),
     }[damage]
     path.write_bytes(bad)
     with pytest.raises(ConfigError, match="not readable"):
@@ -165,17 +165,6 @@ def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
     other = replace(CURVE, least=1.0)
     assert bits(keep("sensor", Curve, lambda: other)) == bits(other)
     assert bits(keep("sensor", Curve, refused)) == bits(other)
-
-
-def _swapped(whole: bytes) -> bytes:
-    """Two names of equal shapes exchanged, with the hash as it was."""
-    line, _, numbers = whole.partition(b"\n")
-    head = json.loads(line)
-    names = list(head["arrays"])
-    one, other = names.index("rates"), names.index("ratio")
-    names[one], names[other] = names[other], names[one]
-    head["arrays"] = {name: head["arrays"][name] for name in names}
-    return json.dumps(head).encode() + b"\n" + numbers
 
 
 def test_a_file_that_is_too_large_is_not_read_whole(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:

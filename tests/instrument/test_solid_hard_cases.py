@@ -13,9 +13,8 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid.ladders import OF_MANY_TEETH, Resolution
 from palpate.instrument.models.solid.mesh import Elastic, Names, SolidBody
-from palpate.instrument.models.solid.model import point_loads, solve, solve_on
+from palpate.instrument.models.solid.model import solve, solve_on
 from palpate.instrument.models.solid.system import System
-from tests import meshes
 from tests.settings import disc
 
 Vector = NDArray[np.float64]
@@ -65,17 +64,6 @@ def test_rubber_locks_plain_displacement_elements_and_not_the_shipped_ones(monke
     assert shipped < 0.01
     monkeypatch.setattr(SolidBody, "stiffness", plain_displacement)
     assert abs(ratio(rubber, OF_MANY_TEETH.resolutions[0]) - exact(0.499999)) > 10 * shipped
-
-
-@pytest.mark.slow
-def test_mirrored_loads_give_the_mirrored_array(monkeypatch: pytest.MonkeyPatch) -> None:
-    meshes.give(monkeypatch, SMALLEST)
-    four = replace(RIGID, cell_length=12e-3, cell_width=12e-3, columns=2, rows=2)
-    corners = point_loads(four, [(5e-3, 4e-3), (19e-3, 4e-3), (5e-3, 20e-3), (19e-3, 20e-3)], 0).reshape(4, 2, 2)
-    first = corners[0]
-    for other in (corners[1][:, ::-1], corners[2][::-1], corners[3][::-1, ::-1]):
-        assert other == pytest.approx(first, rel=1e-7, abs=1e-10)
-    assert first[0, 0] == first.max()
 
 
 @pytest.mark.parametrize("soft, hard", [("sensed_modulus", "tooth_modulus"), ("compliant_modulus", "sensed_modulus")])
