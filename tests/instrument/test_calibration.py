@@ -169,14 +169,6 @@ def test_intervals_cover_whatever_the_noise_that_dithers_the_display(noise: floa
     assert 181 <= zeros <= 199
 
 
-def test_drift_between_loading_and_unloading_shows() -> None:
-    calibration = calibrate([1.0, 2.0, 3.0], [12.0, 22.0, 32.0], [12.0, 22.0, 34.0])
-    # means 12, 22, 33 mV: slope 10.5, deviations 1/6, −1/3, 1/6; loading and unloading differ by 2 mV at 3 N
-    assert calibration.sensitivity_mV_per_N == pytest.approx(10.5)
-    assert calibration.linearity == pytest.approx((1 / 3) / 21)
-    assert calibration.reversibility == pytest.approx(2 / 21)
-
-
 def test_a_reading_that_is_not_finite_has_no_load() -> None:
     with pytest.raises(EstimateError, match="reading nan mV is not finite"):
         THESIS_LOAD_CELL.load(math.nan)

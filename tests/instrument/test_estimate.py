@@ -317,14 +317,22 @@ def test_many_records_at_once_are_fitted_as_each_alone() -> None:
     assert amplitudes(time, records, FREQUENCY) == pytest.approx(alone, rel=1e-12)
 
 
-def test_what_is_unknown_or_silent_is_refused() -> None:
-    time = slow_times(1.0)
-    with pytest.raises(UnknownName, match=r"estimator 'lock-in han' \(did you mean 'lock-in Hann'\?\)"):
-        amplitude_ratios("lock-in han", time, clean(time)[np.newaxis], FREQUENCY)
-    with pytest.raises(EstimateError, match="second channel is silent"):
-        amplitude_ratios("RMS", time, np.zeros((1, 2, time.size)), FREQUENCY)
-    with pytest.raises(EstimateError, match=r"shorter than 0\.25 cycle"):
-        amplitude_ratios(LEAST_SQUARES, time[:6], clean(time)[np.newaxis, :, :6], FREQUENCY)
+@pytest.mark.parametrize(
+    ("name", "records", "error", "message"),
+    [
+        (
+            "lock-in han",
+            np.ones((1, 2, 250)),
+            UnknownName,
+            "estimator 'lock-in han' .did you mean 'lock-in Hann'",
+        ),
+        ("RMS", np.zeros((1, 2, 250)), EstimateError, "second channel is silent"),
+        (LEAST_SQUARES, np.ones((1, 2, 6)), EstimateError, r"shorter than 0\.25 cycle"),
+    ],
+)
+def test_what_is_unknown_or_silent_is_refused(name: str, records: Floats, error: type[Exception], message: str) -> None:
+    with pytest.raises(error, match=message):
+        amplitude_ratios(name, slow_times(1.0)[: records.shape[2]], records, FREQUENCY)
 
 
 # --- A long record is fitted by sums over its pieces; the same samples give the same fit by one factorization
@@ -423,16 +431,21 @@ def test_a_record_of_few_samples_in_pieces_is_fitted_as_if_it_were_in_memory() -
     assert repr(found) == repr(expected)
 
 
-def test_a_record_in_pieces_must_increase_in_time_and_be_finite() -> None:
+@pytest.mark.parametrize(
+    ("first", "wrong", "frequency", "message"),
+    [
+        (30_000, 0.0, 10.0, "time does not increase after 30 s; sort the record"),
+        (COUNT, np.inf, 10.0, "a sample after 20 s is not finite"),
+        (COUNT, 0.0, 501.0, "above half the sample rate"),
+    ],
+)
+def test_a_record_in_pieces_must_increase_in_time_and_be_finite(
+    first: int, wrong: float, frequency: float, message: str
+) -> None:
     t, y = record(10.0, 0.0)
-    back = np.concatenate([t[:30_000], t[:10_000]])
-    with pytest.raises(EstimateError, match="time does not increase after 30 s; sort the record"):
-        fit_pieces(in_parts(back, y, 10_000), 10.0)
-    y[1, 25_000] = np.inf
-    with pytest.raises(EstimateError, match="a sample after 20 s is not finite"):
-        fit_pieces(in_parts(t, y, 10_000), 10.0)
-    with pytest.raises(EstimateError, match="above half the sample rate"):
-        fit_pieces(in_parts(t, np.ones((2, t.size)), 10_000), 501.0)
+    t[first:], y[1, 25_000] = t[: COUNT - first], wrong
+    with pytest.raises(EstimateError, match=message):
+        fit_pieces(in_parts(t, y, 10_000), frequency)
 
 
 @pytest.mark.parametrize("frequency", [49.99, 60.005])

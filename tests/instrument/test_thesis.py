@@ -35,18 +35,14 @@ REPAIRS = raw("repairs.csv")
 
 def test_every_repair_marks_its_cell_and_no_other_cell_is_marked() -> None:
     for number in TABLES:
-        marks_as_repaired(number)
-
-
-def marks_as_repaired(number: str) -> None:
-    table = read_table(number)
-    expected = {
-        (row, repair["column"])
-        for repair in REPAIRS
-        if repair["table"] == number
-        for row in (table.rows if repair["row"] == EVERY_ROW else [repair["row"]])
-    }
-    assert {(row, column) for row, column, _ in table.repaired()} == expected
+        table = read_table(number)
+        expected = {
+            (row, repair["column"])
+            for repair in REPAIRS
+            if repair["table"] == number
+            for row in (table.rows if repair["row"] == EVERY_ROW else [repair["row"]])
+        }
+        assert {(row, column) for row, column, _ in table.repaired()} == expected
 
 
 def test_every_repair_belongs_to_a_table() -> None:
@@ -57,23 +53,19 @@ def test_every_repair_belongs_to_a_table() -> None:
 
 
 def test_what_is_printed_is_kept_beside_its_repair() -> None:
-    for number in TABLES:
-        keeps_what_is_printed(number)
-
-
-def keeps_what_is_printed(number: str) -> None:
     """Where the scan is readable the CSV has the printed number; where it is not, the number that it must be."""
-    table = read_table(number)
-    printed = {row[table.key]: row for row in raw(f"table_{number.replace('.', '_')}.csv")}
-    for column, cells in table.columns.items():
-        for row, cell in zip(table.rows, cells, strict=True):
-            if not cell.reason:
-                assert (cell.printed, cell.value) == (printed[row][column], float(printed[row][column]))
-            elif cell.reason.startswith("scan:"):
-                assert float(printed[row][column]) == cell.value
-            else:
-                assert cell.printed == printed[row][column]
-                assert float(cell.printed) != cell.value
+    for number in TABLES:
+        table = read_table(number)
+        printed = {row[table.key]: row for row in raw(f"table_{number.replace('.', '_')}.csv")}
+        for column, cells in table.columns.items():
+            for row, cell in zip(table.rows, cells, strict=True):
+                if not cell.reason:
+                    assert (cell.printed, cell.value) == (printed[row][column], float(printed[row][column]))
+                elif cell.reason.startswith("scan:"):
+                    assert float(printed[row][column]) == cell.value
+                else:
+                    assert cell.printed == printed[row][column]
+                    assert float(cell.printed) != cell.value
 
 
 def test_an_unknown_table_is_refused_with_those_there_are() -> None:
