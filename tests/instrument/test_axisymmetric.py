@@ -164,10 +164,9 @@ def test_a_finer_mesh_keeps_all_lines_of_the_coarser_one(sensor: RoundParameters
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("poisson", [0.3, 0.5])
-def test_a_foil_whose_curve_is_rounded_says_so(poisson: float) -> None:
+def test_a_foil_whose_curve_is_rounded_says_so() -> None:
     """One that bends on a soft ring: its stiffness is a difference of numbers that are larger by 1e10."""
-    foil = replace(CASE_A, sensed_thickness=1e-5, sensed_poisson=poisson, sensed_modulus=24e11)
+    foil = replace(CASE_A, sensed_thickness=1e-5, sensed_poisson=0.5, sensed_modulus=24e11)
     curves = [model.curve(foil, refinement) for refinement in (1, 2)]
     error = abs(model.solve(foil, 2).force_ratio - solve_on(foil, 4, 3).force_ratio)
     assert 1e-8 < error < model.rounding(curves, foil, np.array([foil.sensed_modulus]))[0][0]

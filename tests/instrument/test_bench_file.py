@@ -224,19 +224,28 @@ def test_a_silent_device_is_not_waited_for_longer_than_the_watchdog_or_the_progr
     assert [link.timeout for link in read_bench(path).links.values()] == [1.0, 1.0, 5.0, 1.0]
 
 
-def test_a_missing_file_text_that_is_none_and_a_huge_file_are_refused(tmp_path: Path) -> None:
-    with pytest.raises(ConfigError, match="cannot be read: No such file"):
-        read_bench(tmp_path / "absent.toml")
-    binary = tmp_path / "binary.toml"
-    binary.write_bytes(b"\xff\xfe\x00")
-    with pytest.raises(ConfigError, match="is not text"):
-        read_bench(binary)
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (None, "cannot be read: No such file"),
+        (b"\xff\xfe\x00", "is not text"),
+        (b"#" * (LARGEST_FILE + 1), "larger than"),
+    ],
+    ids=["missing", "binary", "huge"],
+)
+def test_a_missing_file_one_that_is_no_text_and_a_huge_one_are_refused(
+    tmp_path: Path, content: bytes | None, message: str
+) -> None:
+    path = tmp_path / "bench.toml"
+    if content is not None:
+        path.write_bytes(content)
+    with pytest.raises(ConfigError, match=message):
+        read_bench(path)
+
+
+def test_what_is_no_file_is_refused() -> None:
     with pytest.raises(ConfigError, match="is no file"):
         read_bench(Path("/dev/zero"))
-    huge = tmp_path / "huge.toml"
-    huge.write_text("#" * (LARGEST_FILE + 1))
-    with pytest.raises(ConfigError, match="larger than"):
-        read_bench(huge)
 
 
 def test_limits_of_the_bench_have_safe_defaults() -> None:

@@ -135,17 +135,14 @@ def projectable(softest: float) -> tuple[Sensor, Condensed, Array, Array]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("softest", "moduli"), [(1e-5, 3), (1e-8, 7)])
-def test_poles_of_a_projected_contact_give_what_all_poles_give(
-    softest: float, moduli: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Three moduli alone leave 1.2 % of the second contact's voltage."""
-    sensor, sensed, mode, row = projectable(softest)
+def test_poles_of_a_projected_contact_give_what_all_poles_give(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three moduli alone leave 1.2 % of its voltage."""
+    sensor, sensed, mode, row = projectable(1e-8)
     taken: list[int] = []
     factorised = elimination.factorised
     monkeypatch.setattr(elimination, "factorised", lambda matrix: taken.append(1) or factorised(matrix))
     fewer = projected(sensor.stiffness, sensed.stiffness, sensed.loads, row[:, None], sensor.charges, mode, 24e3)
-    assert len(taken) >= moduli
+    assert len(taken) >= 7
     assert fewer is not None and fewer.onto.shape[1] < SIZE / 3
     assert fewer.onto.T @ fewer.onto == pytest.approx(np.eye(fewer.onto.shape[1]), abs=1e-12)
     asked = (sensor, sensed, mode, row[:, None], np.zeros((1, 1)), row, 0.0, 0.0)

@@ -2,10 +2,12 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import replace
 from itertools import pairwise
 from pathlib import Path
-from types import SimpleNamespace
+from types import ModuleType, SimpleNamespace
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -233,33 +235,34 @@ def test_the_answer_is_the_chosen_models_and_its_estimate_no_better_than_the_pri
     assert "cheapest" in given.why and own.why == ""
 
 
+@pytest.mark.parametrize(
+    ("model", "design", "solution", "tolerance", "asked"),
+    [
+        (axisymmetric, ROUND, lambda: axisymmetric.solve(RoundParameters(support="rigid"), 1), 2e-4, 2e-4),
+        (
+            solid,
+            stiffer_plate(get_design("single")),
+            lambda: solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0),
+            None,  # the default
+            AUTO_TOLERANCE,
+        ),
+    ],
+)
 def test_an_estimate_of_the_models_own_counts_where_it_is_larger(
-    made_up: None, monkeypatch: pytest.MonkeyPatch
+    model: ModuleType,
+    design: Design,
+    solution: Callable[[], axisymmetric.Solution | solid.SolidSolution],
+    tolerance: float | None,
+    asked: float,
+    made_up: None,
+    monkeypatch: pytest.MonkeyPatch,
 ) -> None:
-    coarse = axisymmetric.solve(RoundParameters(support="rigid"), 1)
-    asked = []
-
-    def solve_at(moduli: object, tolerance: float) -> list[tuple[object, float]]:
-        asked.append(tolerance)
-        return [(coarse, 1.7e-4)]
-
-    monkeypatch.setattr(axisymmetric, "ladder", lambda _: SimpleNamespace(solve_at=solve_at))
-    (given,) = answers_cheapest(ROUND, [LOAD], 2e-4)
-    assert (given.model, asked) == ("axisymmetric", [2e-4])
-    assert given.error_estimate == pytest.approx(1.7e-4 / coarse.force_ratio)
-
-
-def test_without_a_tolerance_the_default_is_asked(made_up: None, monkeypatch: pytest.MonkeyPatch) -> None:
-    asked = []
-
-    def solve_at(moduli: object, tolerance: float) -> list[tuple[object, float]]:
-        asked.append(tolerance)
-        return [(solid.solve(SolidParameters(support="rigid", interface="frictionless"), 0), 1e-3)]
-
-    monkeypatch.setattr(solid, "ladder", lambda _: SimpleNamespace(solve_at=solve_at))
-    (given,) = answers_cheapest(stiffer_plate(get_design("single")), [LOAD], None)
-    assert asked == [AUTO_TOLERANCE] == [2e-2]
-    assert given.model == "solid" and given.error_estimate == pytest.approx(1e-3 / given.force_ratio)
+    found, solve_at = solution(), Mock()
+    solve_at.return_value = [(found, 1e-3)]
+    monkeypatch.setattr(model, "ladder", lambda _: SimpleNamespace(solve_at=solve_at))
+    (given,) = answers_cheapest(design, [LOAD], tolerance)
+    assert (given.model, solve_at.call_args.args[1]) == (model.__name__.split(".")[-2], asked)
+    assert given.error_estimate == pytest.approx(1e-3 / found.force_ratio)
 
 
 # --- its file ------------------------------------------------------------------------------------------
