@@ -143,27 +143,19 @@ def test_samples_are_read_in_the_order_written(text: str, names: tuple[str, ...]
     assert parse_samples(text) == names
 
 
-@pytest.mark.parametrize("text", ["", "1,", "0-3", "4-7", "1-1000000000000", "1--3", "x", "01-02", "²"])
-def test_a_text_that_names_no_sample_is_refused(text: str) -> None:
-    with pytest.raises(UnknownName, match="unknown sample"):
-        parse_samples(text)
-
-
-@pytest.mark.parametrize("text", ["1,1", "1-3,2", "3,1-6"])
-def test_a_sample_named_twice_is_refused(text: str) -> None:
-    with pytest.raises(RangeError, match="named twice"):
-        parse_samples(text)
-
-
-def test_a_backward_range_is_refused_with_the_forward_one() -> None:
-    with pytest.raises(RangeError, match="write '1-3'"):
-        parse_samples("3-1")
-
-
-@pytest.mark.parametrize("text", ["1-", "-3", "-", "1,2-"])
-def test_a_range_without_one_of_its_ends_is_refused(text: str) -> None:
-    with pytest.raises(RangeError, match=r"sample range '.*-.*' lacks an end; write for example '1-3'"):
-        parse_samples(text)
+@pytest.mark.parametrize(
+    ("texts", "error", "message"),
+    [
+        (["", "1,", "0-3", "4-7", "1-1000000000000", "1--3", "x", "01-02", "²"], UnknownName, "unknown sample"),
+        (["1,1", "1-3,2", "3,1-6"], RangeError, "named twice"),
+        (["3-1"], RangeError, "write '1-3'"),
+        (["1-", "-3", "-", "1,2-"], RangeError, r"sample range '.*-.*' lacks an end; write for example '1-3'"),
+    ],
+)
+def test_a_text_that_names_no_samples_is_refused(texts: list[str], error: type[Exception], message: str) -> None:
+    for text in texts:
+        with pytest.raises(error, match=message):
+            parse_samples(text)
 
 
 @pytest.mark.parametrize("field", ["modulus", "thickness", "area"])
