@@ -17,7 +17,6 @@ from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.models.solid.parts import SolidStack
 from palpate.instrument.models.solid.system import System
 from palpate.procedures.reproduce import chapter4
 from palpate.procedures.reproduce.curves import Curves, Solutions
@@ -84,15 +83,6 @@ def test_of_a_pair_too_and_half_of_it_gives_what_the_whole_does_and_all_forces_r
     goals = whole.curve([whole.load(None)]).poles.values(np.array([PAIR.sensed_modulus]))[0, :, 0]
     assert (*half.tooth_forces, half.total_force) == pytest.approx(goals, rel=1e-10)
     assert half.total_force == pytest.approx(1, abs=1e-10)
-
-
-def test_the_ring_s_top_stays_level_and_rings_that_touch_have_one_cap() -> None:
-    for outline, caps in (("round", 2), ("square", 1)):
-        stack = SolidStack(replace(PAIR, ring_outline=outline), replace(SMALL, degree=3), mirrored=(False, True))
-        heights, flat = stack.ring.names[2, -1], stack.one[stack.ring.body.plan.nodes] == 1
-        level, bent = heights[flat], heights[~flat]
-        assert len(np.unique(level)) == caps
-        assert set(bent.tolist()) == {-1}
 
 
 @pytest.mark.parametrize("parameters", [ROUND, SQUARE])

@@ -11,6 +11,7 @@ import tracemalloc
 from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
 from unittest.mock import Mock
 
@@ -74,24 +75,34 @@ def test_a_curve_is_found_once_and_comes_back_bit_for_bit(room: Path) -> None:
     assert only(room).name == f"{key_of('sensor')}.curve"
 
 
-def test_another_sensor_or_other_code_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    keep("sensor", Curve, lambda: CURVE)
-    other = replace(CURVE, least=1.0)
-    assert bits(keep("other sensor", Curve, lambda: other)) == bits(other)
-    monkeypatch.setattr(work, "code_digest", lambda: "other code")
-    assert bits(keep("sensor", Curve, lambda: other)) == bits(other)
+OTHER = replace(CURVE, least=1.0)
+NOW, USER = arithmetic(), os.geteuid()
 
 
-def test_what_another_arithmetic_left_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("of", "name", "other"),
+    [
+        (work, "code_digest", "other code"),
+        (os, "geteuid", USER + 1),
+        *((work, "arithmetic", {**NOW, part: "another"}) for part in ("machine", "blas", "vectors", "libm")),
+    ],
+    ids=["code", "user", "machine", "blas", "vectors", "libm"],
+)
+def test_what_other_code_arithmetic_or_users_left_is_found_anew(
+    of: ModuleType, name: str, other: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A script with kernels of its own must not give later commands its last digits."""
-    now, other = arithmetic(), replace(CURVE, least=1.0)
     keep("sensor", Curve, lambda: CURVE)
-    monkeypatch.setattr(work, "arithmetic", lambda: {**now, "processor": "another"})
-    keep("sensor", Curve, refused)
-    for part in ("machine", "blas", "vectors", "libm"):
-        monkeypatch.setattr(work, "arithmetic", lambda part=part: {**now, part: "another"})
-        assert bits(keep("sensor", Curve, lambda: other)) == bits(other)
-    monkeypatch.setattr(work, "arithmetic", lambda: now)
+    monkeypatch.setattr(of, name, lambda: other)
+    assert bits(keep("sensor", Curve, lambda: OTHER)) == bits(OTHER)
+
+
+def test_another_sensor_is_found_anew_and_on_another_processor_of_the_same_arithmetic_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    assert bits(keep("other sensor", Curve, lambda: OTHER)) == bits(OTHER)
+    monkeypatch.setattr(work, "arithmetic", lambda: {**NOW, "processor": "another"})
     assert bits(keep("sensor", Curve, refused)) == bits(CURVE)
 
 
@@ -162,9 +173,8 @@ def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
     path.write_bytes(bad)
     with pytest.raises(ConfigError, match="not readable"):
         read(path, Curve, key_of("sensor"))
-    other = replace(CURVE, least=1.0)
-    assert bits(keep("sensor", Curve, lambda: other)) == bits(other)
-    assert bits(keep("sensor", Curve, refused)) == bits(other)
+    assert bits(keep("sensor", Curve, lambda: OTHER)) == bits(OTHER)
+    assert bits(keep("sensor", Curve, refused)) == bits(OTHER)
 
 
 def test_a_file_that_is_too_large_is_not_read_whole(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -286,18 +296,9 @@ def test_a_link_out_of_the_folder_is_neither_read_nor_touched(room: Path, tmp_pa
     elsewhere = only(room).rename(tmp_path / "elsewhere.curve")
     os.utime(elsewhere, (1e9, 1e9))
     (room / f"{key_of('sensor')}{work.SUFFIX}").symlink_to(elsewhere)
-    other = replace(CURVE, least=1.0)
-    assert bits(keep("sensor", Curve, lambda: other)) == bits(other)
-    assert bits(keep("sensor", Curve, refused)) == bits(other)
+    assert bits(keep("sensor", Curve, lambda: OTHER)) == bits(OTHER)
+    assert bits(keep("sensor", Curve, refused)) == bits(OTHER)
     assert elsewhere.stat().st_mtime == 1e9
-
-
-def test_a_file_of_another_user_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    keep("sensor", Curve, lambda: CURVE)
-    other = replace(CURVE, least=1.0)
-    user = os.geteuid()
-    monkeypatch.setattr(os, "geteuid", lambda: user + 1)
-    assert bits(keep("sensor", Curve, lambda: other)) == bits(other)
 
 
 def test_a_head_that_is_too_long_is_not_read(room: Path) -> None:
