@@ -109,7 +109,7 @@ def test_the_ratios_of_the_different_bases_are_those_of_table_5_7() -> None:
     )
 
 
-# --- The samples and the single design of the thesis -----------------------------------------------------
+# --- The samples and the single design of the thesis ---------------------------------------------------
 
 THESIS = Path(__file__).parents[1] / "data" / "thesis"
 
