@@ -125,14 +125,6 @@ def test_energies_bound_a_ratio_that_two_meshes_agree_upon() -> None:
     assert _ratio_bound([FINE, fine], 1e5, replace(PLAIN, product=0.1)) == pytest.approx(0.1 * product)
 
 
-def test_what_rounding_may_change_is_added_to_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    bounds = []
-    for rounded in ((0.0, 0.0), (0.5, 3.0)):
-        monkeypatch.setattr(axisymmetric, "rounding", lambda *_, rounded=rounded: rounded)
-        bounds.append(np.array(axisymmetric.estimates([COARSE, FINE], RoundParameters(), np.array([1e5]))).ravel())
-    assert bounds[1] - bounds[0] == pytest.approx([0.5, 3.0])
-
-
 def test_a_mesh_and_its_twin_that_agree_by_luck_are_rounded_no_less_than_those_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:

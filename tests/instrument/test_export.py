@@ -185,13 +185,24 @@ def test_the_dbc_has_five_kinds_of_message_for_nodes_1_to_20_and_no_other(dbc: A
     assert {m.frame_id: (m.name, m.length) for m in dbc.messages} == expected
 
 
-def test_a_scaled_and_limited_field_keeps_both_in_the_dbc() -> None:
-    warm = Field("warm", 0x400001, "int16", "temperature", "degC", 0.1, minimum=-40, maximum=125)
+@pytest.mark.parametrize(
+    ("limits", "expected"),
+    [
+        ({"minimum": -40.0, "maximum": 125.0}, (-40.0, 125.0)),
+        ({"minimum": -40.0}, (-3276.8, 3276.7)),
+        ({"maximum": 125.0}, (-3276.8, 3276.7)),
+    ],
+)
+def test_a_scaled_field_keeps_both_limits_in_the_dbc_or_has_those_of_its_width(
+    limits: dict[str, float], expected: tuple[float, float]
+) -> None:
+    warm = Field("warm", 0x400001, "int16", "temperature", "degC", 0.1, **limits)  # type: ignore[arg-type]
     node = replace(NODE, fields=(*NODE.fields, warm), pdos=(Pdo("heat", 0x180, ("saturation", "warm")),))
     dbc: Any = cantools.database.load_string(bench_dbc(node), "dbc")
-    (signal,) = [s for s in dbc.get_message_by_name("SN01_heat").signals if s.name == "warm"]
-    assert (signal.start, signal.scale, signal.unit) == (8, 0.1, "degC")
-    assert (signal.minimum, signal.maximum) == (-40, 125)
+    bits, signal = dbc.get_message_by_name("SN01_heat").signals
+    assert bits.comment.endswith(", ".join(f"bit {number} {bit}" for bit, number in NODE["saturation"].bits.items()))
+    assert (signal.start, signal.scale, signal.unit, signal.comment) == (8, 0.1, "degC", "temperature")
+    assert (signal.minimum, signal.maximum) == pytest.approx(expected)
     assert dbc.decode_message("SN01_heat", b"\x00\xfb\xff") == {"saturation": 0, "warm": -0.5}
 
 
@@ -200,15 +211,6 @@ def test_without_the_library_of_a_dbc_nothing_is_written(tmp_path: Path, monkeyp
     with pytest.raises(UsageError, match=r"cantools cannot be imported .*pip install 'palpate\[dbc\]'"):
         export_contracts(tmp_path / "out")
     assert not (tmp_path / "out").exists()
-
-
-@pytest.mark.parametrize("limits", [{"minimum": -40.0}, {"maximum": 125.0}])
-def test_a_field_with_one_limit_has_those_of_its_width_in_the_dbc(limits: dict[str, float]) -> None:
-    warm = Field("warm", 0x400001, "int16", "temperature", "degC", 0.1, **limits)  # type: ignore[arg-type]
-    node = replace(NODE, fields=(*NODE.fields, warm), pdos=(Pdo("heat", 0x180, ("warm",)),))
-    dbc: Any = cantools.database.load_string(bench_dbc(node), "dbc")
-    (signal,) = dbc.get_message_by_name("SN01_heat").signals
-    assert (signal.minimum, signal.maximum) == (pytest.approx(-3276.8), pytest.approx(3276.7))
 
 
 def test_objects_of_the_eds_are_variables_records_or_arrays_by_index_and_subindices() -> None:

@@ -93,6 +93,8 @@ def made_up(monkeypatch: pytest.MonkeyPatch) -> None:
         (2e4, 9e4, 0.1, "column", 0.05, 1e-6),
         (2e4, 9e4, 0.05, "column", 0.05, 1e-6),  # meets it exactly
         (2e4, 9e4, 0.049, "column_fitted", 0.03, 2e-6),
+        (2e4, 9e4, 0.04, "column_fitted", 0.03, 2e-6),
+        (2e4, 2e5, 0.04, "surface", 4e-4, 5e-6),  # the fitted column does not answer everywhere
         (2e4, 9e4, 0.02, "surface", 4e-4, 5e-6),  # the beam is nearer, but not to be had
         (2e4, 9e4, 3e-4, "axisymmetric", 1e-5, 2.0),  # by its own estimate refinement 2 does not promise it
         (2e6, 1e9, 3e-4, "axisymmetric", 1e-4, 0.5),  # there it does
@@ -142,11 +144,6 @@ def test_a_refusal_names_the_sensors_that_meet_the_tolerance() -> None:
     )
     with pytest.raises(RangeError, match=r"give --tolerance 0.0011%, or --design other; palpate accuracy numerics"):
         both.choose(ROUND.name, 2e4, 9e4, 1e-6)
-
-
-def test_a_model_that_does_not_answer_everywhere_is_not_chosen_where_it_does_not() -> None:
-    assert LIST.choose(ROUND.name, 2e4, 9e4, 0.04).model == "column_fitted"
-    assert LIST.choose(ROUND.name, 2e4, 2e5, 0.04).model == "surface"
 
 
 def test_the_reason_names_model_refinement_error_time_and_range() -> None:

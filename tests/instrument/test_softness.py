@@ -68,12 +68,6 @@ def test_a_finite_element_model_is_covered_by_the_interval_of_its_surface() -> N
     assert found.low < 1e5 < found.high < 1.01 * found.low
 
 
-def test_the_interval_is_that_of_the_ratio_carried_over(column: RatioCurve) -> None:
-    found = modulus_of_ratio(column, STEEP[1:-1], u=0.01)
-    assert found.low == pytest.approx(column_modulus(STEEP[1:-1] - K * 0.01), rel=1e-9)
-    assert found.high == pytest.approx(column_modulus(STEEP[1:-1] + K * 0.01), rel=1e-9)
-
-
 def test_the_error_of_the_model_widens_the_interval() -> None:
     wrong = sampled_curve(lambda modulus: (_column_ratio(modulus), 0.02), 1e2, 1e9, "wrong", 1e-11)
     found = modulus_of_ratio(wrong, 0.5, u=0.01)
@@ -96,29 +90,27 @@ def test_many_ratios_have_the_answers_of_each(column: RatioCurve) -> None:
 # --- where they hardly do ------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("u", [0.0, 1e-4, 0.005])
-def test_near_saturation_only_a_lower_bound_is_given(column: RatioCurve, u: float) -> None:
-    found = modulus_of_ratio(column, [0.96, 0.971, 0.99, 0.999], u=u)
-    assert list(found.kind) == ["interval", *["at least"] * 3]
-    assert list(found.high[1:]) == [math.inf] * 3
-    assert np.isnan(found.modulus[1:]).all()
-    assert found.low == pytest.approx(column_modulus(np.array([0.96, 0.971, 0.99, 0.999]) - K * u), rel=1e-7)
-
-
-def test_next_to_the_softest_only_an_upper_bound_is_given(column: RatioCurve) -> None:
-    found = modulus_of_ratio(column, [AREA_SHARE + 0.001, 0.1], u=1e-4)
-    assert list(found.kind) == ["at most", "interval"]
-    assert found.low[0] == 0
-    assert math.isnan(found.modulus[0])
-    assert found.high[0] == pytest.approx(column_modulus(AREA_SHARE + 0.001 + K * 1e-4), rel=1e-6)
-
-
-def test_an_interval_that_reaches_beyond_the_model_has_one_end(column: RatioCurve) -> None:
-    found = modulus_of_ratio(column, [0.1, 0.9], u=[0.02, 0.06])
-    assert list(found.kind) == ["at most", "at least"]
-    assert found.high[0] == pytest.approx(column_modulus(0.1 + K * 0.02), rel=1e-9)
-    assert found.low[1] == pytest.approx(column_modulus(0.9 - K * 0.06), rel=1e-9)
-    assert np.isnan(found.modulus).all()
+@pytest.mark.parametrize(
+    ("ratio", "u", "kind", "within"),
+    [
+        *((ratio, 0.01, "interval", 1e-9) for ratio in STEEP[1:-1]),
+        *((0.96, u, "interval", 1e-9) for u in (0.0, 1e-4, 0.005)),
+        *((ratio, u, "at least", 1e-7) for ratio in (0.971, 0.99, 0.999) for u in (0.0, 1e-4, 0.005)),  # saturation
+        (AREA_SHARE + 0.001, 1e-4, "at most", 1e-6),  # next to the softest
+        (0.1, 1e-4, "interval", 1e-9),
+        (0.1, 0.02, "at most", 1e-9),  # reaches beyond the model
+        (0.9, 0.06, "at least", 1e-9),
+        (0.5, 0.5, "any", 1e-9),
+    ],
+)
+def test_an_interval_has_those_ends_that_a_ratio_tells_carried_over(
+    column: RatioCurve, ratio: float, u: float, kind: str, within: float
+) -> None:
+    found = modulus_of_ratio(column, ratio, u=u)
+    low = column_modulus(ratio - K * u) if kind in ("interval", "at least") else 0.0
+    high = column_modulus(ratio + K * u) if kind in ("interval", "at most") else math.inf
+    assert (str(found.kind), math.isnan(found.modulus)) == (kind, kind != "interval")
+    assert (float(found.low), float(found.high)) == pytest.approx((low, high), rel=within)
 
 
 def test_a_ratio_that_the_model_never_gives_is_said_to_be_outside() -> None:
@@ -129,12 +121,6 @@ def test_a_ratio_that_the_model_never_gives_is_said_to_be_outside() -> None:
     assert found.low[2] == pytest.approx(112609.9)
     assert np.isnan(found.modulus[[0, 2]]).all()
     assert np.isnan(found.sensitivity[[0, 2]]).all()
-
-
-def test_a_ratio_that_says_nothing_gets_any_modulus(column: RatioCurve) -> None:
-    found = modulus_of_ratio(column, 0.5, u=0.5)
-    assert (float(found.low), float(found.high), str(found.kind)) == (0, math.inf, "any")
-    assert math.isnan(found.modulus)
 
 
 def test_where_several_moduli_give_a_ratio_the_answer_holds_all_of_them() -> None:
