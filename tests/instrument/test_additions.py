@@ -73,6 +73,15 @@ def test_two_packages_with_one_name_are_both_named_and_hinder_no_other(install: 
     assert device_kind("positioner").name == "positioner"
 
 
+def test_a_name_of_ours_cannot_be_taken(install: Install) -> None:
+    install("rogue", "palpate.devices", {"positioner": "rogue:KIND"})
+    install("rogues", "palpate.procedures", {"sweep-loads": "rogue:Sweep"})
+    with pytest.raises(ConfigError, match=r"^kind of device 'positioner' of rogue 1.2: palpate has one of that name"):
+        all_kinds()
+    with pytest.raises(ConfigError, match=r"^procedure 'sweep-loads' of rogues 1.2: palpate has one of that name"):
+        procedure_class("sweep-loads")
+
+
 @pytest.mark.parametrize(
     ("group", "name", "what"),
     [

@@ -219,13 +219,6 @@ def test_an_impossible_map_is_refused_with_file_table_value_and_what_is_allowed(
         read_map(file)
 
 
-def test_all_wrong_tables_of_a_map_are_named_at_once(tmp_path: Path) -> None:
-    file = changed(tmp_path, {'meaning = "gross weight"': "", 'meaning = "net weight"': "scale = 2"})
-    with pytest.raises(ConfigError) as failure:
-        read_map(file)
-    assert [line.split(": ")[1] for line in str(failure.value).splitlines()] == ["field.gross", "field.net"]
-
-
 def test_a_map_with_the_name_of_one_of_our_own_kinds_is_refused(tmp_path: Path) -> None:
     file = changed(tmp_path, {'name = "transmitter"': 'name = "positioner"'})
     with pytest.raises(ConfigError, match=r"device.name: 'positioner' is a kind of palpate's own; give another name"):
