@@ -1,4 +1,4 @@
-"""The beam on two stretches of elastic foundation, against its exact solution and the thesis' figures."""
+"""The beam: against its exact solution, that against decimal numbers, and the thesis' program against its listing."""
 
 from __future__ import annotations
 

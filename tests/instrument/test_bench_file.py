@@ -1,4 +1,4 @@
-"""Bench files: what is wrong is said once, with file, key and remedy."""
+"""Bench files, and values of any file: what is wrong is said once, with file, key and remedy."""
 
 from __future__ import annotations
 

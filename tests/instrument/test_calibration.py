@@ -1,4 +1,4 @@
-"""The load-cell calibration: the thesis' own numbers, an uncertainty that covers the truth."""
+"""The load-cell calibration: by weights and bridge, its uncertainty, its file and its class."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""A contract declares a device once: what it says of itself, and how it turns values into bytes and back."""
+"""A contract declares a device once: what it says of itself, of values, and of bytes that came."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""What devices that can be bought say: orders of bytes, parts of registers, scales in other registers, handshakes."""
+"""What devices that can be bought say and no other contract does; and what no device can mean is refused."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The designs: what their numbers must satisfy, whatever they are."""
+"""The designs and the samples: what their numbers must satisfy, and what the thesis says of them."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The sine fit: exact where it can be, as good as the Cramér–Rao bound where it cannot, refused where it must be."""
+"""The sine fit: exact where it can be, as good as the Cramér–Rao bound where not, beside others, on long records."""
 
 from __future__ import annotations
 

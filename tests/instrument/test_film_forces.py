@@ -1,4 +1,4 @@
-"""Films of any design give the forces and ratios that the thesis would have taken from them."""
+"""Films of any design give forces and ratios, by sensitivities that were calibrated."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""Elimination by dense fronts, beside dense matrices, and the projection of what is left."""
+"""Elimination by dense fronts, cells and halves that are alike, and the projection of what is left."""
 
 from __future__ import annotations
 

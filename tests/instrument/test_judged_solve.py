@@ -1,4 +1,4 @@
-"""What a solve takes is known before anything is solved, and a solve can be interrupted."""
+"""What a solve takes is known and told before anything is solved, and a solve can be interrupted."""
 
 from __future__ import annotations
 

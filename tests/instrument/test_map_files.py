@@ -1,4 +1,4 @@
-"""Map files: each is a contract, proved by its frames; what is wrong is said with file, table, key and value."""
+"""Map files, their golden frames and roles: each is a contract, and what is wrong is said with table, key and value."""
 
 from __future__ import annotations
 

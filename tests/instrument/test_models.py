@@ -1,3 +1,5 @@
+"""Closed forms and the experiment as models, and the thesis' three-dimensional tables in two numbers."""
+
 from __future__ import annotations
 
 import math

@@ -1,4 +1,4 @@
-"""The noise that counts is the noise around the drive."""
+"""The noise that counts is that around the drive; rapid noise is what is left about a line through each cycle."""
 
 from __future__ import annotations
 

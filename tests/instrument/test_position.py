@@ -1,4 +1,4 @@
-"""Shares under a point load, and the place that they tell, with an interval that holds it."""
+"""Shares under a point load and the place that they tell; and shear, which some films take for another place."""
 
 from __future__ import annotations
 

@@ -1,4 +1,4 @@
-"""The cheapest model that meets a tolerance, on a list made up for it; `test_stored_prices.py` has the real one."""
+"""The cheapest model that meets a tolerance: on a list made up for it, then on the one that comes with palpate."""
 
 from __future__ import annotations
 

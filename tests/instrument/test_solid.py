@@ -1,4 +1,4 @@
-"""The solid model against exact solutions, against the round model, and against Tables A2.3 and A2.7."""
+"""The solid model against exact solutions, the round model and solutions for one modulus; its films and sections."""
 
 from __future__ import annotations
 

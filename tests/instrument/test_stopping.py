@@ -1,4 +1,4 @@
-"""When a run has measured enough: what sets tell of their scatter, and whether the interval holds the truth."""
+"""When a run has measured enough, of one object or of several to be ordered, and whether it then tells the truth."""
 
 from __future__ import annotations
 

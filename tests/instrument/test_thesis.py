@@ -1,4 +1,4 @@
-"""The thesis' tables: what is printed is kept, and every doubtful cell is marked."""
+"""The thesis' tables: what is printed is kept, every doubtful cell is marked, and every repair is proved."""
 
 from __future__ import annotations
 

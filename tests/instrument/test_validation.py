@@ -1,4 +1,4 @@
-"""The distance of each model from the experiments of the thesis."""
+"""The distance of each model from the experiments of the thesis, and what a match with them is worth."""
 
 from __future__ import annotations
 
