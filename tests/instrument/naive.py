@@ -2,13 +2,11 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 
 import numpy as np
 import scipy
 from numpy.typing import NDArray
-from skfem import Basis, BilinearForm, ElementQuad1, ElementVector, MeshQuad, condense
 
 from palpate.instrument.models.axisymmetric import mesh
 from palpate.instrument.models.beam import BeamSegment
@@ -17,61 +15,6 @@ from palpate.instrument.models.parameters import RoundParameters
 from tests.instrument.direct_round import assemble
 
 Array = NDArray[np.float64]
-
-
-def linear_elements_ratio(parameters: RoundParameters, radii: Array, heights: Array) -> float:
-    """Force ratio by bilinear displacement elements; rigid support, bonded object as wide as the ring."""
-    face = parameters.film_thickness + parameters.sensor_height
-    full = MeshQuad.init_tensor(radii, heights)
-    middle_r, middle_z = full.p[:, full.t].mean(axis=1)
-    is_object = middle_z > face
-    kept = np.flatnonzero(is_object | (middle_r > parameters.ring_inner_radius))
-    part = full.restrict(kept)
-    shear, lame = np.empty(len(kept)), np.empty(len(kept))
-    for mask, modulus, nu in (
-        (is_object[kept], parameters.sensed_modulus, parameters.sensed_poisson),
-        (~is_object[kept], parameters.compliant_modulus, parameters.compliant_poisson),
-    ):
-        shear[mask] = modulus / (2 * (1 + nu))
-        lame[mask] = shear[mask] * 2 * nu / (1 - 2 * nu)
-    basis = Basis(part, ElementVector(ElementQuad1()), intorder=4)
-    tall = np.ones(basis.X.shape[1])
-
-    def work(u, v, w):  # type: ignore[no-untyped-def]
-        r, g, lam = w.x[0], np.outer(shear, tall), np.outer(lame, tall)
-        hoop_u, hoop_v = u[0] / r, v[0] / r
-        rr_u, zz_u, rr_v, zz_v = u.grad[0, 0], u.grad[1, 1], v.grad[0, 0], v.grad[1, 1]
-        slip_u, slip_v = u.grad[0, 1] + u.grad[1, 0], v.grad[0, 1] + v.grad[1, 0]
-        dilatation = (rr_u + hoop_u + zz_u) * (rr_v + hoop_v + zz_v)
-        return r * (2 * g * (rr_u * rr_v + hoop_u * hoop_v + zz_u * zz_v) + g * slip_u * slip_v + lam * dilatation)
-
-    stiffness = BilinearForm(work).assemble(basis)
-    r, z = part.p
-    radial, axial = basis.nodal_dofs
-    load = np.zeros(basis.N)
-    top = np.flatnonzero(z == z.max())
-    top = top[np.argsort(r[top])]
-    for a, b in itertools.pairwise(top):
-        width = r[b] - r[a]
-        load[axial[a]] -= width * (2 * r[a] + r[b]) / 6
-        load[axial[b]] -= width * (r[a] + 2 * r[b]) / 6
-    at_face = np.abs(z - face) < 1e-9
-    held = (z == z.min()) | (at_face & (r <= parameters.tooth_radius * (1 + 1e-9)))
-    fixed = np.concatenate([radial[held], axial[held], radial[r == 0]])
-    answer = condense(stiffness, load, D=np.unique(fixed))
-    displacement = np.zeros(basis.N)
-    displacement[answer[3]] = scipy.sparse.linalg.spsolve(answer[0].tocsc(), answer[1])
-    tooth = axial[at_face & held]
-    return float((stiffness @ displacement)[tooth].sum() / -load.sum())
-
-
-def stiffness(parameters: RoundParameters, degree: int, layers: int) -> scipy.sparse.csc_array:
-    """The matrix of the shipped elements on nodes, in displacement form."""
-    cut = mesh.grid(parameters, layers)
-    lines = [elements.line(at, degree, radial) for at, radial in ((cut.radii, True), (cut.heights, False))]
-    bodies = mesh.parts(cut)
-    found = assemble(*mesh.number(parameters, cut, *lines, bodies), *lines, bodies, mixed=False)
-    return found.matrix(found.stiffness)
 
 
 def lost_force(parameters: RoundParameters, degree: int, layers: int) -> float:

@@ -1,21 +1,26 @@
+"""The round model: curves, fields and hard shapes, beside solutions for one modulus at a time."""
+
 from __future__ import annotations
 
 import functools
 import itertools
 import math
+import subprocess
+import sys
 from dataclasses import replace
 
 import numpy as np
 import pytest
 import scipy
-from numpy.typing import NDArray
+from skfem import ElementLinePp
 
-from palpate.instrument.errors import RangeError, UnknownName
+from palpate.instrument.models.axisymmetric import model
 from palpate.instrument.models.axisymmetric import model as axisymmetric
+from palpate.instrument.models.axisymmetric.curves import FacePressure, RoundSection, curve_on, on, section
 from palpate.instrument.models.axisymmetric.mesh import grid
-from palpate.instrument.models.axisymmetric.model import solve_to
-from palpate.instrument.models.finite_elements import elements
-from palpate.instrument.models.parameters import IDENTIFIED_ROUND, RoundParameters, round_parameters
+from palpate.instrument.models.axisymmetric.model import resolution_of
+from palpate.instrument.models.finite_elements.elements import shape_functions
+from palpate.instrument.models.parameters import IDENTIFIED_ROUND, PHYSICAL, RoundParameters, round_parameters
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.material import FilmMaterial
 from palpate.instrument.thesis import read_table
@@ -31,11 +36,6 @@ CASE_A_RATIO = 0.4245274
 RATIOS = {14.9e3: 0.1835738, CASE_A.sensed_modulus: CASE_A_RATIO, 1e6: 0.8246514}
 
 
-@functools.cache
-def case_a(refinement: int) -> DirectSolution:
-    return solve(CASE_A, refinement)
-
-
 @pytest.mark.slow
 def test_the_error_falls_at_least_five_times_a_refinement() -> None:
     errors = [
@@ -44,19 +44,6 @@ def test_the_error_falls_at_least_five_times_a_refinement() -> None:
     ]
     assert errors[0] < 2e-4
     assert all(finer < coarser / 5 for coarser, finer in itertools.pairwise(errors))
-
-
-@pytest.mark.slow
-def test_a_soft_object_of_poisson_ratio_0_3_errs_less_with_its_pressure_as_an_unknown() -> None:
-    for degree, layers, gain in ((4, 2, 2.5), (5, 3, 3.0)):
-        with_it, without = (
-            max(
-                abs(solve_on(replace(CASE_A, sensed_modulus=m), degree, layers, mixed).force_ratio - RATIOS[m])
-                for m in RATIOS
-            )
-            for mixed in (True, False)
-        )
-        assert with_it < without / gain
 
 
 def test_where_the_ratios_of_two_meshes_cross_the_estimate_is_above_the_error() -> None:
@@ -74,15 +61,6 @@ def test_where_the_ratios_of_two_meshes_cross_the_estimate_is_above_the_error() 
     assert error < estimate < 100 * error
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("sensor", [round_sensors(8, seed=20)[k] for k in (0, 7)], ids=["narrow", "wide"])
-def test_the_bound_is_above_the_error_of_a_random_setting_and_not_far_above(sensor: RoundParameters) -> None:
-    """Both settings are solved quickly: one has a narrow gap, and the error of the other is near its bound."""
-    solution, bound = solve_to(sensor, 1e-2)
-    error = abs(solution.force_ratio - solve(sensor, 3).force_ratio)
-    assert 0.001 * bound < error < bound <= 1e-2
-
-
 def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
     """Every sixth row is checked here; `test_reproduce` checks all."""
     table = read_table("A2.1")
@@ -91,10 +69,6 @@ def test_the_identified_set_gives_table_a2_1_within_0_008() -> None:
     for modulus, tooth_force in rows[::6]:
         ratio = solve(replace(IDENTIFIED, sensed_modulus=modulus), 1).force_ratio
         assert ratio == pytest.approx(-tooth_force, abs=0.008), f"{modulus:g} Pa"
-
-
-def test_case_a_reads_higher_than_the_first_row_of_table_a2_1() -> None:
-    assert solve(replace(CASE_A, sensed_modulus=14.9e3), 1).force_ratio > 0.1417 + 0.03
 
 
 def test_one_material_without_gap_carries_the_tooth_s_share_of_the_area() -> None:
@@ -111,32 +85,6 @@ def test_one_material_without_gap_carries_the_tooth_s_share_of_the_area() -> Non
     for film in solution.films.values():
         assert film.normal_stress == pytest.approx(-1 / (math.pi * 5e-3**2), rel=2e-7)
         assert abs(film.plane_stress) < 1e-6 * abs(film.normal_stress)
-
-
-def uniform_strain(points_r: NDArray[np.float64], points_z: NDArray[np.float64], degree: int) -> NDArray[np.float64]:
-    """Element unknowns of u = -0.3 r, w = z + 10 µm on one rectangle."""
-    nodes = np.zeros((1, 2, degree + 1, degree + 1))
-    nodes[0, 0, :2, :2] = -0.3 * points_r[:, None]
-    nodes[0, 1, :2, :2] = points_z[None, :] + 1e-5
-    return elements.differences(nodes.reshape(1, -1), np.zeros((1, nodes.size)))[0]
-
-
-def test_both_forms_agree_on_a_uniform_strain_of_an_element_four_hundred_times_as_wide_as_high() -> None:
-    degree, shear, lame = 4, 1e4, 3e5
-    points_r, points_z = np.array([1e-3, 11e-3]), np.array([0, 25e-6])
-    r, z = elements.line(points_r, degree, radial=True), elements.line(points_z, degree, radial=False)
-    only = np.array([0])
-    strain = uniform_strain(points_r, points_z, degree)
-    stiffness = elements.Stiffness(r, z)
-    plain = stiffness(only, only, elements.Constants.isotropic(shear, lame))[0] @ strain
-    spread = elements.dilatation(r, z, only, only)[0]
-    mixed = stiffness(only, only, elements.Constants.isotropic(shear, 0.0))[0] @ strain + lame * spread.T @ (
-        spread @ strain
-    )
-    assert mixed == pytest.approx(plain, abs=1e-9 * np.abs(plain).max())
-    volume = (11e-3**2 - 1e-3**2) / 2 * 25e-6
-    energy = volume * (2 * shear * (2 * 0.3**2 + 1) + lame * 0.4**2)
-    assert float(strain @ plain) == pytest.approx(energy, rel=1e-9)
 
 
 @pytest.mark.parametrize("nu", first_of([0.5, 0.49, 0.499, 0.4999, 0.499999]))
@@ -159,7 +107,7 @@ def test_the_ratio_is_continuous_as_the_gap_closes() -> None:
     assert ratios[3] == pytest.approx(ratios[2], abs=3e-5)
 
 
-@pytest.mark.parametrize("thickness", [10e-6, 100e-3])
+@pytest.mark.parametrize("thickness", first_of([10e-6, 100e-3]))
 def test_an_object_of_ten_micrometres_or_a_hundred_millimetres_is_resolved(thickness: float) -> None:
     thick = replace(CASE_A, sensed_thickness=thickness)
     assert solve(thick, 2).force_ratio == pytest.approx(solve(thick, 1).force_ratio, abs=1e-3)
@@ -171,62 +119,190 @@ def test_an_object_of_a_metre_takes_few_more_elements_than_one_of_millimetres() 
     assert low < high < 2 * low
 
 
-def test_a_thin_soft_object_passes_its_load_straight_down() -> None:
-    thin = replace(CASE_A, sensed_thickness=10e-6)
-    assert solve(thin, 1).force_ratio == pytest.approx((1.45 / 5) ** 2, abs=5e-3)
+# --- Curves of the round sensor over the modulus of the object, beside solutions for one modulus at a time
+
+RIGID = replace(CASE_A, support="rigid")
+OVER_THE_RING = (1e-2, 4.0, 1e8)  # moduli of the object over the ring's
+SENSORS = {
+    "bonded": (CASE_A, 1e-10),
+    "frictionless": (replace(CASE_A, interface="frictionless"), 1e-10),
+    "capped": (replace(CASE_A, interface="capped"), 1e-10),
+    "rigid, bonded": (RIGID, 1e-10),
+    "rigid, frictionless": (replace(RIGID, interface="frictionless"), 1e-10),
+    "rigid, capped": (replace(RIGID, interface="capped"), 1e-10),
+    "closed gap": (replace(CASE_A, ring_inner_radius=CASE_A.tooth_radius), 1e-9),
+    "narrow object": (replace(CASE_A, sensed_radius=3e-3), 1e-10),
+    "incompressible": (replace(CASE_A, sensed_poisson=0.5, compliant_poisson=0.5), 1e-7),
+    "rigid, incompressible": (replace(RIGID, sensed_poisson=0.5, compliant_poisson=0.5), 1e-7),
+}
+
+
+@pytest.mark.parametrize("name", first_of(list(SENSORS)))
+def test_a_curve_gives_what_a_solution_for_each_modulus_does(name: str) -> None:
+    sensor, within = SENSORS[name]
+    moduli = np.array(OVER_THE_RING) * sensor.compliant_modulus
+    found = curve_on(sensor, 3, 1)
+    ratios, stresses, voltages, charges = (
+        of(moduli)[..., 0] for of in (found.force_ratios, found.values, found.voltages, found.shorted)
+    )
+    for k, modulus in enumerate(moduli):
+        solution = solve_on(replace(sensor, sensed_modulus=float(modulus)), 3, 1)
+        films = list(solution.films.values())
+        assert ratios[k] == pytest.approx(solution.force_ratio, abs=within)
+        scale = max((abs(film.normal_stress) for film in films), default=0.0)
+        known = [stress for film in films for stress in (film.plane_stress, film.normal_stress)]
+        assert stresses[k] == pytest.approx(known, abs=10 * within * scale)
+        assert voltages[k] == pytest.approx([film.voltage for film in films], rel=10 * within)
+        assert charges[k] == pytest.approx([film.charge for film in films], rel=10 * within)
+
+
+@pytest.mark.parametrize("sensor", [CASE_A, *round_sensors(5, seed=5)], ids=lambda sensor: f"{sensor.tooth_radius:.2e}")
+def test_a_finer_mesh_keeps_all_lines_of_the_coarser_one(sensor: RoundParameters) -> None:
+    """Only then do energies tell how far a mesh may be off."""
+    for layers in (2, 3, 4):
+        coarse, fine = grid(sensor, layers), grid(sensor, layers + 1)
+        for few, many in ((coarse.radii, fine.radii), (coarse.heights, fine.heights)):
+            assert np.abs(few[:, None] - many).min(axis=1).max() <= 1e-12 * many[-1]
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("ring", [1.4e-5, 43e-3])
-def test_area_ratios_from_a_hundredth_to_a_thousand_are_resolved(ring: float) -> None:
-    outer = 1.5e-3 + ring
-    wide = replace(CASE_A, ring_outer_radius=outer, plate_radius=max(outer, 2e-3), sensed_radius=outer)
-    coarse, fine = solve(wide, 1), solve(wide, 2)
-    assert 0 < fine.force_ratio < 1
-    assert fine.force_ratio == pytest.approx(coarse.force_ratio, abs=1e-3)
-    assert fine.imbalance < 1e-9
+def test_a_foil_whose_curve_is_rounded_says_so() -> None:
+    """One that bends on a soft ring: its stiffness is a difference of numbers that are larger by 1e10."""
+    foil = replace(CASE_A, sensed_thickness=1e-5, sensed_poisson=0.5, sensed_modulus=24e11)
+    curves = [model.curve(foil, refinement) for refinement in (1, 2)]
+    error = abs(model.solve(foil, 2).force_ratio - solve_on(foil, 4, 3).force_ratio)
+    assert 1e-8 < error < model.rounding(curves, foil, np.array([foil.sensed_modulus]))[0][0]
+
+
+def test_the_designs_are_nothing_special_and_a_tall_column_beside_a_gap_is_looked_at_for_rounding() -> None:
+    for name in ("single", "single_round"):
+        sensor = round_parameters(get_design(name), PHYSICAL.load(1e5))
+        assert not model.may_round(sensor)
+    tall, narrow = replace(CASE_A, sensed_thickness=0.1), replace(CASE_A, ring_inner_radius=1.41e-3)
+    assert model.may_round(tall) and not model.is_special(tall)
+    assert model.is_special(narrow)
 
 
 @pytest.mark.slow
-def test_refinement_stops_before_rounding_passes_the_discretisation_error() -> None:
-    for refinement in axisymmetric.REFINEMENTS[:4]:
-        solution = case_a(refinement)
-        assert solution.imbalance < 1e-10 < abs(solution.force_ratio - CASE_A_RATIO)
+@pytest.mark.timeout(60)
+@pytest.mark.skipif(sys.platform != "linux", reason="only Linux tells a process its own greatest memory")
+def test_the_finest_mesh_of_a_foil_takes_no_more_than_300_mb() -> None:
+    code = """
+from pathlib import Path
+from palpate.instrument.models.axisymmetric import curves, model
+from palpate.instrument.models.parameters import RoundParameters
+curves.found_on(RoundParameters(sensed_thickness=1e-5), *model.resolution_of(model.REFINEMENTS[-1]))
+# its own: `getrusage` also counts what its parent had when it began
+print(Path("/proc/self/status").read_text().partition("VmHWM:")[2].split()[0])
+"""
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True)
+    assert int(done.stdout) < 300e3  # kB
+
+
+# --- The pressure on the sensor's face: what it adds up to, where it must be uniform, and where it may not
+
+
+@functools.cache
+def drawn(parameters: RoundParameters, refinement: int = 1) -> RoundSection:
+    return section(parameters, *resolution_of(refinement))
+
+
+@functools.cache
+def solved(parameters: RoundParameters, refinement: int = 1) -> DirectSolution:
+    return solve(parameters, refinement)
+
+
+def force(face: FacePressure, reach: float = np.inf) -> float:
+    """Integral of the pressure within a radius [N]."""
+    return float((face.pressure * face.area)[face.radius < reach].sum())
 
 
 @pytest.mark.parametrize(
-    ("wrong", "message"),
+    "parameters",
     [
-        ({"sensed_modulus": 0.0}, "sensed_modulus 0 Pa is not above 0"),
-        ({"sensed_thickness": math.nan}, "sensed_thickness nan m"),
-        ({"compliant_modulus": math.inf}, "compliant_modulus inf Pa"),
-        ({"sensed_thickness": 10.0}, "sensed_thickness 10 m is outside 5e-08 to 1.5 m"),
-        ({"sensor_height": 1e-9}, "sensor_height 1e-09 m is outside 5e-08 to 1.5 m"),
-        ({"plate_modulus": 1e300}, r"plate_modulus 1e\+300 Pa is outside 0.001 to 1e\+20 Pa"),
-        ({"sensed_poisson": 0.51}, r"sensed_poisson 0.51 is outside \(-1, 0.5\]"),
-        ({"compliant_poisson": -1.0}, "compliant_poisson -1 is outside"),
-        ({"tooth_radius": 1.6e-3}, "parts overlap: tooth_radius 0.0016 m"),
-        ({"ring_outer_radius": 1.5e-3}, "parts overlap: ring_inner_radius"),
-        ({"sensed_radius": 1.5e-3}, "does not reach the ring"),
+        CASE_A,
+        replace(CASE_A, interface="frictionless", sensed_poisson=0.5),
+        replace(CASE_A, support="rigid", sensed_modulus=140e9),
+        replace(CASE_A, sensed_radius=3e-3),
     ],
+    ids=["case A", "sliding, incompressible", "hard, on rigid ground", "smaller than the ring"],
 )
-def test_a_value_outside_its_limits_is_refused(wrong: dict[str, float], message: str) -> None:
-    with pytest.raises(RangeError, match=message):
-        replace(CASE_A, **wrong)  # type: ignore[arg-type]
+def test_the_pressure_adds_up_to_the_forces_on_tooth_and_face(parameters: RoundParameters) -> None:
+    face = drawn(parameters).face
+    assert force(face, parameters.tooth_radius) == pytest.approx(solved(parameters).tooth_force_above, rel=1e-7)
+    assert force(face) == pytest.approx(1, rel=1e-7)
+    assert face.radius.max() < min(parameters.sensed_radius, parameters.ring_outer_radius)
+    assert not np.any((face.radius > parameters.tooth_radius) & (face.radius < parameters.ring_inner_radius))
 
 
-def test_an_unknown_interface_is_refused() -> None:
-    with pytest.raises(UnknownName, match="bonded"):
-        replace(CASE_A, interface="glued")
+@pytest.mark.slow
+def test_over_a_closed_gap_both_integrals_meet_as_the_mesh_refines() -> None:
+    closed = replace(CASE_A, ring_inner_radius=CASE_A.tooth_radius)
+    differences = [
+        abs(force(drawn(closed, k).face, closed.tooth_radius) / solved(closed, k).tooth_force_above - 1) for k in (1, 2)
+    ]
+    assert differences[1] < differences[0] / 2 < 1e-3
 
 
-def test_a_tolerance_that_no_mesh_meets_is_refused_with_the_best_there_is(
-    monkeypatch: pytest.MonkeyPatch,
+def test_one_material_without_gap_presses_evenly() -> None:
+    one = RoundParameters(
+        **{f"{part}_modulus": 1e6 for part in ("sensed", "compliant", "tooth", "plate")},  # type: ignore[arg-type]
+        **{f"{part}_poisson": 0.0 for part in ("sensed", "compliant", "tooth", "plate")},  # type: ignore[arg-type]
+        film=FilmMaterial.isotropic(1e6, 0.0),
+        ring_inner_radius=1.4e-3,
+    )
+    face = drawn(one).face
+    uneven = np.abs(face.pressure * math.pi * 5e-3**2 - 1)
+    # One node of the ring at the slit is free, over some 40 nm; a tenth of a millimetre off it is forgotten.
+    assert uneven[np.abs(face.radius - 1.4e-3) > 1e-4].max() < 1e-6
+    assert np.average(uneven, weights=face.area) < 1e-5
+
+
+@pytest.mark.parametrize(
+    ("parameters", "within"),
+    [
+        (CASE_A, 1e-8),
+        (replace(CASE_A, interface="capped"), 1e-8),
+        (replace(CASE_A, support="rigid", interface="frictionless"), 1e-8),
+        (replace(CASE_A, sensed_poisson=0.5, compliant_poisson=0.5), 1e-5),
+    ],
+    ids=["bonded", "capped", "rigid, frictionless", "incompressible"],
+)
+def test_the_drawn_displacements_are_those_of_a_solution_for_this_modulus(
+    parameters: RoundParameters, within: float
 ) -> None:
-    monkeypatch.setattr(axisymmetric, "REFINEMENTS", (1, 2))
-    with pytest.raises(RangeError, match="its least error here is"):
-        solve_to(IDENTIFIED, 1e-10)
-    with pytest.raises(RangeError, match="tolerance nan"):
-        solve_to(IDENTIFIED, math.nan)
-    with pytest.raises(RangeError, match="refinement 9"):
-        solve(IDENTIFIED, 9)
+    known, found, mesh = solved(parameters).on_mesh, drawn(parameters).fields, grid(parameters, resolution_of(1)[1])
+    assert set(found) == set(known.parts)
+    for name, part in known.parts.items():
+        local = on(known.displacements, part)  # its first two shape functions in each direction belong to the corners
+        field = found[name]
+        assert field.radius[-1, 0] == mesh.radii[part.columns[-1] + 1]
+        size = max(float(np.abs(local).max()), 1e-12)
+        assert field.radial[-1, 0] == pytest.approx(local[-1, 0, 0, 1, 0], abs=within * size)
+        assert field.axial[-1, -1] == pytest.approx(local[-1, -1, 1, 1, 1], abs=within * size)
+        assert field.axial[0, 0] == pytest.approx(local[0, 0, 1, 0, 0], abs=within * size)
+
+
+# --- The shape functions of the round sensor's elements ------------------------------------------------
+
+
+@pytest.mark.parametrize("degree", [3, 6, 9])
+def test_shape_functions_are_those_of_scikit_fem(degree: int) -> None:
+    points, element = np.linspace(0, 1, 7), ElementLinePp(degree)
+    theirs = [element.lbasis(points[None, :], index) for index in range(degree + 1)]
+    values, slopes = shape_functions(degree, points)
+    assert values == pytest.approx(np.array([value for value, _ in theirs]), abs=1e-14)
+    assert slopes == pytest.approx(np.array([slope[0] for _, slope in theirs]), abs=1e-13)
+
+
+@pytest.mark.slow
+def test_a_round_sensor_is_set_up_without_scikit_fem() -> None:
+    """Its import takes as long as a coarse mesh."""
+    code = """
+import sys
+from palpate.instrument.models.axisymmetric.curves import found_on
+from palpate.instrument.models.parameters import RoundParameters
+found_on(RoundParameters(), 3, 1)
+assert "skfem" not in sys.modules
+"""
+    subprocess.run([sys.executable, "-c", code], check=True, timeout=60)

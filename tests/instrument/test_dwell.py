@@ -44,20 +44,6 @@ def test_the_dwell_is_that_of_the_formula() -> None:
     assert dwell == pytest.approx(float(((density / AMPLITUDES) ** 2).sum()) * (1.96 / 4e-3) ** 2, rel=0.2)
 
 
-@pytest.mark.slow
-def test_the_dwell_reaches_its_target_and_is_not_longer_than_need_be() -> None:
-    """200 repeats: each chooses its dwell by a record of its own and is measured for that long."""
-    tolerance, sigma = 16e-3, np.array([0.02, 0.04])
-    found, dwells = [], []
-    for seed in range(200):
-        noise = noise_of(record(2.0, sigma, 2 * seed))
-        dwell = dwell_of(tolerance, noise, FREQUENCY).dwell
-        found.append(amplitude_ratio(record(dwell, sigma, 2 * seed + 1), 0, 1)[0])
-        dwells.append((dwell, (1.96 * noise / tolerance) ** 2))
-    assert np.std(found) / 0.3 == pytest.approx(tolerance / 1.96, rel=0.12)
-    assert all(asked - 1e-3 <= dwell < asked + 0.1 + 1e-3 for dwell, asked in dwells)
-
-
 def test_a_scatter_of_few_degrees_of_freedom_takes_a_longer_dwell_by_students_factor() -> None:
     few = (Floor("gain scatter", 0.03, 7),)
     assert half_width(few) == pytest.approx(t.ppf(0.975, 7) * 0.03)

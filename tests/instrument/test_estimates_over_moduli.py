@@ -5,13 +5,16 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import replace
 from types import SimpleNamespace
+from typing import Any, cast
 
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
+from palpate.instrument.errors import RangeError
 from palpate.instrument.models.axisymmetric import model as axisymmetric
 from palpate.instrument.models.axisymmetric.model import OPEN
-from palpate.instrument.models.finite_elements.ladder import Manner, estimates
+from palpate.instrument.models.finite_elements.ladder import Ladder, Manner, estimates
 from palpate.instrument.models.finite_elements.poles import Curve
 from palpate.instrument.models.parameters import RoundParameters, SolidParameters
 from palpate.instrument.models.solid import ladders
@@ -122,14 +125,6 @@ def test_energies_bound_a_ratio_that_two_meshes_agree_upon() -> None:
     assert _ratio_bound([FINE, fine], 1e5, replace(PLAIN, product=0.1)) == pytest.approx(0.1 * product)
 
 
-def test_what_rounding_may_change_is_added_to_the_bounds(monkeypatch: pytest.MonkeyPatch) -> None:
-    bounds = []
-    for rounded in ((0.0, 0.0), (0.5, 3.0)):
-        monkeypatch.setattr(axisymmetric, "rounding", lambda *_, rounded=rounded: rounded)
-        bounds.append(np.array(axisymmetric.estimates([COARSE, FINE], RoundParameters(), np.array([1e5]))).ravel())
-    assert bounds[1] - bounds[0] == pytest.approx([0.5, 3.0])
-
-
 def test_a_mesh_and_its_twin_that_agree_by_luck_are_rounded_no_less_than_those_before(
     monkeypatch: pytest.MonkeyPatch,
 ) -> None:
@@ -223,38 +218,6 @@ def test_meshes_see_too_little_of_a_load_in_one_point_on_a_flat_object(thickness
     assert ladders.is_hard(replace(shaped, load_at=(5e-3, 4e-3))) == hard
 
 
-def test_the_solid_model_asks_what_the_degree_along_the_height_leaves() -> None:
-    at = np.array([1e5])
-    plain, asked = (np.array(solid.estimates([FINE] * 3, FEW, at, [FINE, each])) for each in (FINE, COARSE))
-    once = Manner(0.0, (1.0,), (1.0,), luck=0.0, far=0.3)
-    (ratio, voltage), none = estimates([FINE, COARSE], at, once), [[1e-8], [0.0]]
-    assert asked - none == pytest.approx(0.4 * np.array([ratio, voltage]))
-    assert plain == pytest.approx(np.array(none))
-
-
-@pytest.mark.parametrize(("sensor", "share"), [(FEW, 0.05 * 1.2), (THIN_RUBBER, 0.3 * 0.2)])
-def test_two_meshes_of_the_solid_model_that_agree_by_luck_leave_a_share_of_what_a_sketch_was_off_by(
-    sensor: SolidParameters, share: float
-) -> None:
-    assert [mesh for _, mesh in solid.beside(sensor, 2)] == [ladders.OF_FEW_TEETH.sketch]
-    at = np.array([1e5])
-    (found,), _ = solid.estimates([FINE, FINE], sensor, at, [COARSE])
-    whole = Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3)
-    assert found - 1e-8 == pytest.approx(share * estimates([COARSE, FINE], at, whole)[0][0])
-
-
-@pytest.mark.parametrize(("sensor", "factor"), [(FEW, 0.95), (THIN_RUBBER, 4.5)])
-def test_the_solid_model_counts_what_its_meshes_differ_by_four_decades_away(
-    sensor: SolidParameters, factor: float
-) -> None:
-    at, by_change = np.array([3e9]), Manner(0.05, (1.0,), (1.0,), luck=0.0, far=0.3)
-    (near,), _ = estimates([COARSE, FINE], at, by_change)
-    (whole,), _ = estimates([COARSE, FINE], at, replace(by_change, distant=0.003))
-    (found,), _ = solid.estimates([COARSE, FINE], sensor, at, [COARSE])
-    assert found - 1e-8 == pytest.approx(factor * whole)
-    assert whole > 1.5 * near
-
-
 @pytest.mark.parametrize(("thickness", "told"), [(0.09, True), (0.11, False)])
 def test_the_solid_model_tells_what_the_mesh_of_a_sheet_may_be_rounded_by(
     thickness: float, told: bool, monkeypatch: pytest.MonkeyPatch
@@ -298,3 +261,67 @@ def test_many_teeth_doubt_their_cells_best_mesh_by_its_own_estimate() -> None:
     alike = [_constant(0.6), _constant(0.45)]
     (found,), _ = solid.estimates(alike, MANY, at, [*alike, *meshes, *asked])
     assert found - 1e-8 == pytest.approx(1.5 * (0.02 + own[0]))
+
+
+# --- Meshes that are refined until made-up error estimates meet a tolerance, which is relative to a ratio of a half
+
+Array = NDArray[np.float64]
+# Bounds by number of meshes, and then by modulus [Pa]. The second one is worse than the first at 1 Pa.
+BOUNDS = {2: {1.0: 3e-3, 2.0: 1e-3, 3.0: 1e-4}, 3: {1.0: 7e-3, 2.0: 1e-4, 3.0: 1e-5}}
+
+
+class Half(int):
+    """The curve of a made-up mesh: at every modulus half of the force is on the tooth."""
+
+    def force_ratios(self, moduli: Array) -> Array:
+        return np.full((len(moduli), 1), 0.5)
+
+
+def made_up(asked: list[int]) -> Ladder[int, tuple[int, float, float]]:
+    """Three meshes; an answer is its mesh, modulus and bound of voltages. `asked` gets the meshes that are set up."""
+
+    def mesh(refinement: int) -> int:
+        asked.append(refinement)
+        return refinement
+
+    def estimates(curves: Sequence[Curve], moduli: Array) -> tuple[Array, Array]:
+        found = np.array([BOUNDS[len(curves)][modulus] for modulus in moduli])
+        return found, 10 * found
+
+    def read(mesh: int, moduli: Array, bounds: Array) -> list[tuple[int, float, float]]:
+        return [(mesh, float(modulus), float(bound)) for modulus, bound in zip(moduli, bounds, strict=True)]
+
+    return Ladder(
+        "made up", (5, 6, 7), lambda _count: None, mesh, lambda of: cast(Any, Half(of)), estimates, read, rounding=1e-8
+    )
+
+
+def test_each_modulus_is_answered_by_the_first_mesh_that_meets_the_tolerance() -> None:
+    asked: list[int] = []
+    ladder = made_up(asked)
+    answers = ladder.solve_at(np.array([2.0, 3.0]), 1e-3)
+    assert answers == [((7, 2.0, pytest.approx(1e-3)), 1e-4), ((6, 3.0, pytest.approx(1e-3)), 1e-4)]
+    assert ladder.poles_to(np.array([2.0, 3.0]), 1e-3) == (7, 1e-4)
+    asked.clear()
+    assert [estimate for _, estimate in ladder.solve_at(np.array([1.0, 3.0]), 8e-3)] == [3e-3, 1e-4]
+    assert ladder.poles_to(np.array([1.0, 3.0]), 8e-3) == (6, 3e-3)
+    assert asked == [5, 6, 5, 6]
+
+
+@pytest.mark.parametrize("way", ["solve_at", "poles_to"])
+def test_the_least_error_of_all_meshes_is_told_where_none_meets_the_tolerance(way: str) -> None:
+    ask = getattr(made_up([]), way)
+    with pytest.raises(
+        RangeError, match=r"cannot meet tolerance 0\.001: its least error here is ± 0\.6 % of the force ratio; give"
+    ):
+        ask(np.array([1.0, 3.0]), 1e-3)
+
+
+@pytest.mark.parametrize("way", ["solve_at", "poles_to"])
+def test_a_tolerance_below_rounding_is_refused_before_a_mesh_is_set_up(way: str) -> None:
+    asked: list[int] = []
+    ask = getattr(made_up(asked), way)
+    for tolerance, why in ((1e-9, "rounds its ratio by up to 1e-08; give a larger one"), (0.0, "is not above 0")):
+        with pytest.raises(RangeError, match=why):
+            ask(np.array([3.0]), tolerance)
+    assert asked == []

@@ -1,22 +1,23 @@
-"""Elimination by dense fronts, beside dense matrices, and the projection of what is left."""
+"""Elimination by dense fronts, cells and halves that are alike, and the projection of what is left."""
 
 from __future__ import annotations
 
 from dataclasses import replace
+from typing import Any
 
 import numpy as np
 import pytest
-import scipy
 from numpy.typing import NDArray
 
 from palpate.instrument.errors import EstimateError
 from palpate.instrument.models.finite_elements import elimination, poles, work
 from palpate.instrument.models.finite_elements.elimination import Condensed, ElementSystem, condense, dissected
 from palpate.instrument.models.finite_elements.poles import Sensor, curve, projected
-from palpate.instrument.models.parameters import PHYSICAL, solid_parameters
-from palpate.instrument.models.solid.ladders import Resolution
-from palpate.instrument.models.solid.system import System
-from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.models.parameters import SolidParameters
+from palpate.instrument.models.solid.ladders import OF_FEW_TEETH
+from palpate.instrument.models.solid.parts import Diagonal, SolidStack
+from palpate.instrument.models.solid.system import alike, symmetry
+from tests.shares import first_of
 
 Array = NDArray[np.float64]
 SIDE = 9  # elements along a square; its nodes have one unknown each, and so has the inside of each element
@@ -104,37 +105,11 @@ def test_fronts_that_do_not_fit_into_memory_are_refused_before_they_begin(monkey
         condense(replace(mesh, matrices=begun))
 
 
-@pytest.mark.parametrize("size", [0, 1, 7, 300])
-def test_what_lets_other_threads_run_gives_the_digits_of_scipy(size: int) -> None:
-    rng = np.random.default_rng(1)
-    columns = rng.standard_normal((size + 5, size))
-    matrix = columns.T @ columns + np.eye(size)
-    factor = elimination.factorised(matrix.copy())
-    assert factor is not None
-    if size:
-        assert np.array_equal(np.tril(factor), scipy.linalg.lapack.dpotrf(matrix, lower=1, clean=1)[0])
-        expected = scipy.linalg.blas.dtrsm(1.0, factor, columns, side=1, lower=1, trans_a=1)
-        assert np.array_equal(elimination.solved(factor, columns.copy()), expected)
-        whole = columns @ columns.T
-        expected = scipy.linalg.blas.dsyrk(-1.0, columns, beta=1.0, c=whole, lower=1)
-        assert np.array_equal(np.tril(elimination.less_square(whole.copy(), columns)), np.tril(expected))
-        assert elimination.factorised(-matrix) is None
-
-
 def test_the_free_memory_is_known_and_a_limit_of_this_process_counts(monkeypatch: pytest.MonkeyPatch) -> None:
     known = work.free_memory() or 0
     assert known > 1e8
     monkeypatch.setattr(work.resource, "getrlimit", lambda _which: (1024, 1024))
     assert work.free_memory() == 0
-
-
-def test_a_pair_is_cut_between_its_cells_where_the_fewest_unknowns_are_passed_on() -> None:
-    """Cuts at the median alone left a front of 2,198 unknowns."""
-    mesh = Resolution(layers=2, ratio=0.2, sectors=1, degree=3)
-    system = System(solid_parameters(get_design("common_base"), PHYSICAL.load(1e5)), mesh)
-    side = system._sensor
-    found = dissected(side._unknowns, side._coordinates, system.contact[side.has])
-    assert max(front.size for front in found.fronts) < 1500
 
 
 def test_unknowns_inside_an_element_burden_no_front() -> None:
@@ -166,17 +141,14 @@ def projectable(softest: float) -> tuple[Sensor, Condensed, Array, Array]:
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("softest", "moduli"), [(1e-5, 3), (1e-8, 7)])
-def test_poles_of_a_projected_contact_give_what_all_poles_give(
-    softest: float, moduli: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    """Three moduli alone leave 1.2 % of the second contact's voltage."""
-    sensor, sensed, mode, row = projectable(softest)
+def test_poles_of_a_projected_contact_give_what_all_poles_give(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Three moduli alone leave 1.2 % of its voltage."""
+    sensor, sensed, mode, row = projectable(1e-8)
     taken: list[int] = []
     factorised = elimination.factorised
     monkeypatch.setattr(elimination, "factorised", lambda matrix: taken.append(1) or factorised(matrix))
     fewer = projected(sensor.stiffness, sensed.stiffness, sensed.loads, row[:, None], sensor.charges, mode, 24e3)
-    assert len(taken) >= moduli
+    assert len(taken) >= 7
     assert fewer is not None and fewer.onto.shape[1] < SIZE / 3
     assert fewer.onto.T @ fewer.onto == pytest.approx(np.eye(fewer.onto.shape[1]), abs=1e-12)
     asked = (sensor, sensed, mode, row[:, None], np.zeros((1, 1)), row, 0.0, 0.0)
@@ -209,3 +181,58 @@ def test_a_rate_below_0_is_rounded_up_where_it_is_rounding_and_else_refused() ->
     assert rates(-1e-8) == pytest.approx([0.0, 0.5, 1.0], abs=1e-15)
     with pytest.raises(EstimateError, match="rounding makes the stiffness of the object negative; give a thicker"):
         rates(-1e-4)
+
+
+# --- Cells of an array that are alike: what one of them leaves serves for all --------------------------
+
+
+def test_cells_are_alike_where_places_and_joints_are() -> None:
+    """Three cells of two elements in a row, the last one held at its end; then one whose elements do not touch."""
+    unknowns = np.array([[0, 1], [1, 2], [2, 3], [3, 4], [4, 5], [5, -1], [6, 7], [8, 9]])
+    cells, relative = np.arange(8) // 2, np.arange(8)[:, None] % 2
+    found = alike(unknowns, cells, relative)
+    assert found is not None
+    assert found.names.tolist() == [[0, 1, 2], [2, 3, 4], [4, 5, -1]]
+    assert found.elements.tolist() == [[0, 1], [2, 3], [4, 5]]
+    assert found.places.tolist() == [[0, 1], [1, 2]]
+    assert alike(unknowns[:2], cells[:2], relative[:2]) is None
+    assert alike(unknowns, cells, np.arange(8)[:, None]) is None  # no element is another's translation
+    assert alike(unknowns, np.zeros(8, dtype=int), relative) is None
+
+
+# --- Sensors that are their own mirror image about the diagonal: what is eliminated in sums and differences
+
+SMALLEST = OF_FEW_TEETH.resolutions[0]
+SOFT = SolidParameters(sensed_modulus=1.0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "is_halved"),
+    first_of(
+        [
+            ({}, True),
+            ({"load_at": (5e-3, 5e-3)}, True),
+            ({"load_at": (6e-3, 5e-3)}, False),
+            ({"load_at": (6e-3, 6e-3)}, True),
+            ({"columns": 2}, False),
+            ({"cell_width": 11e-3}, False),
+            ({"rows": 2, "columns": 2, "separate_bases": True}, True),
+        ]
+    ),
+)
+def test_a_sensor_is_halved_where_it_is_its_own_mirror_image(changed: dict[str, Any], is_halved: bool) -> None:
+    sensor = replace(SOFT, **changed)
+    found = Diagonal(SolidStack(sensor, SMALLEST, symmetry(sensor)))
+    columns = np.arange(3.0 * found.stack.unknowns).reshape(-1, 3)
+    assert np.array_equal(found.turned(columns), columns) is not is_halved
+    assert found.turned(found.turned(columns)) == pytest.approx(columns)
+
+
+def test_halves_have_half_of_the_unknowns_but_for_those_on_the_diagonal() -> None:
+    stack = SolidStack(SOFT, SMALLEST, (True, True))
+    sums, differences = Diagonal(stack).pieces(stack.object)
+    counts = [len(np.unique(piece.unknowns[piece.unknowns >= 0])) for piece in (sums, differences)]
+    free = np.unique(stack.object.names[stack.object.names >= 0])
+    assert sum(counts) == len(free)
+    assert counts[0] > counts[1] > 0.4 * len(free)
+    assert not np.intersect1d(sums.unknowns[sums.unknowns >= 0], differences.unknowns).size

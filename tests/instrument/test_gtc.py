@@ -27,7 +27,6 @@ from palpate.instrument.uncertainty import budget as budgets
 from palpate.instrument.uncertainty.budget import LINEAR, Budget, Component, Input, propagate
 from tests.instrument.test_compression import AREA, three
 from tests.instrument.test_film_forces import fitted
-from tests.ratios import amplitude_ratio
 
 INF = math.inf
 ZERO_U, SENSITIVITY_U, CURVATURE_U = THESIS_LOAD_CELL.zero_u, THESIS_LOAD_CELL.sensitivity_u, 0.01
@@ -65,20 +64,6 @@ def same(budget: Budget, result: Any) -> None:
         assert budget.expanded() == pytest.approx(rp.k_factor(result.df) * result.u, rel=1e-4)
 
 
-@pytest.mark.parametrize("seed", range(4))
-def test_a_budget_of_independent_inputs_is_that_of_gtc(seed: int) -> None:
-    random = np.random.default_rng(seed)
-    u, slopes = random.uniform(0.1, 2, 5), random.normal(0, 3, 5)
-    freedom = [*random.uniform(1, 30, 4), INF]
-    inputs = [gtc.ureal(0, float(each), df, label=f"x{i}") for i, (each, df) in enumerate(zip(u, freedom, strict=True))]
-    result = sum(float(c) * x for c, x in zip(slopes, inputs, strict=True))
-    components = [Component(f"x{i}", float(u[i]), float(slopes[i]), freedom[i]) for i in range(5)]
-    budget = Budget("y", 0.0, "N", tuple(components))
-    same(budget, result)
-    for row, x in zip(budget.rows(), inputs, strict=True):
-        assert abs(row["contribution"]) == pytest.approx(abs(rp.u_component(result, x)))
-
-
 @pytest.mark.parametrize("freedom", [3.0, 12.0, INF])
 def test_a_budget_of_inputs_that_were_estimated_together_is_that_of_gtc(freedom: float) -> None:
     random = np.random.default_rng(5)
@@ -112,7 +97,7 @@ def test_a_linear_propagation_has_the_derivatives_of_gtc(function: Any) -> None:
     same(found.budget, function(gtc, *x, gtc.ureal(values[2], u[2])))
 
 
-# --- load cell ---------------------------------------------------------------------------------------------
+# --- load cell -----------------------------------------------------------------------------------------
 
 
 def calibrated(calibration: LoadCellCalibration) -> list[Any]:
@@ -155,7 +140,7 @@ def test_the_mean_of_several_loads_by_one_curve_is_that_of_gtc() -> None:
         assert calibration.mean_curve_u(np.array(loads)) == pytest.approx((sum(told) / 3).u, rel=1e-9)
 
 
-# --- films ---------------------------------------------------------------------------------------------------
+# --- films ---------------------------------------------------------------------------------------------
 
 
 @dataclass(frozen=True)
@@ -255,18 +240,6 @@ def test_the_scatter_of_a_ratio_and_of_each_tooth_is_that_of_gtc(name: str) -> N
     assert np.array(design.tooth_covariance) == pytest.approx(np.array(found), rel=1e-9, abs=1e-15)
 
 
-def test_the_noise_of_a_ratio_of_amplitudes_is_that_of_gtc() -> None:
-    fit = fitted(get_design("single"), [0.6, 2.0], noise=1e-2)
-    top, bottom = together(
-        fit.unbiased, fit.amplitude_correlation * np.outer(fit.amplitude_u, fit.amplitude_u), fit.degrees_of_freedom
-    )
-    ratio, u = amplitude_ratio(fit, 0, 1)
-    assert u == pytest.approx((top / bottom).u, rel=1e-9)
-    bias = (top / bottom).x - ratio
-    second = (top / bottom).x * bottom.u**2 / bottom.x**2 - gtc.get_covariance(top, bottom) / bottom.x**2
-    assert bias == pytest.approx(second, rel=1e-9)
-
-
 @dataclass(frozen=True)
 class Point:
     force_ratio: float
@@ -320,7 +293,7 @@ def test_a_film_calibration_is_that_of_gtc() -> None:
     assert found.covariance[0][1] == pytest.approx(expected, rel=1e-9)
 
 
-# --- compression -------------------------------------------------------------------------------------------------
+# --- compression ---------------------------------------------------------------------------------------
 
 
 class Pushed:

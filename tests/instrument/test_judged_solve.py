@@ -1,4 +1,4 @@
-"""What a solve takes is known before anything is solved, and a solve can be interrupted."""
+"""What a solve takes is known and told before anything is solved, and a solve can be interrupted."""
 
 from __future__ import annotations
 
@@ -20,6 +20,7 @@ from palpate.instrument.models.response import RatioQuestion, ask
 from palpate.instrument.models.solid import model
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.system import System
+from palpate.instrument.notice import notices_to, price
 from tests.shares import first_of
 
 AT = (3e-3, 3e-3)
@@ -139,3 +140,26 @@ def test_an_error_of_a_solve_is_raised_where_it_was_asked_for() -> None:
     own.start()
     own.join()
     assert found == [2.0]
+
+
+# --- The price of a long computation is told before it begins ------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("seconds", "said"),
+    [
+        (2.0, []),
+        (2.1, ["solving takes about 2 s; kept"]),
+        (9.7, ["solving takes about 10 s; kept"]),
+        (14.2, ["solving takes about 14 s; kept"]),
+        (47.0, ["solving takes about 50 s; kept"]),
+        (600.0, ["solving takes about 10 min; kept"]),
+        (9000.0, ["solving takes about 2.5 h; kept"]),
+    ],
+)
+def test_what_takes_more_than_two_seconds_is_told_with_its_price(seconds: float, said: list[str]) -> None:
+    heard: list[str] = []
+    with notices_to(heard.append):
+        price("solving", seconds, "; kept")
+    price("solving", seconds, "; kept")  # nobody listens
+    assert heard == said

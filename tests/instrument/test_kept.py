@@ -8,9 +8,12 @@ import json
 import os
 import threading
 import tracemalloc
+from contextlib import AbstractContextManager, nullcontext
 from dataclasses import fields, is_dataclass, replace
 from pathlib import Path
+from types import ModuleType
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -47,10 +50,6 @@ def refused() -> Curve:
     raise AssertionError("found although it was kept")
 
 
-def same(one: Curve, other: Curve) -> bool:
-    return bits(one) == bits(other)
-
-
 def bits(content: Any) -> list[tuple[str, Any]]:
     """Every number of a dataclass, to the last bit, by its name."""
     found = [(each.name, getattr(content, each.name)) for each in fields(content)]
@@ -68,33 +67,43 @@ def only(room: Path) -> Path:
 
 
 def test_a_curve_is_found_once_and_comes_back_bit_for_bit(room: Path) -> None:
-    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+    assert bits(keep("sensor", Curve, lambda: CURVE)) == bits(CURVE)
     back = keep("sensor", Curve, refused)
-    assert same(back, CURVE)
+    assert bits(back) == bits(CURVE)
     assert isinstance(back.share, float)
     assert room.stat().st_mode & 0o077 == 0
     assert only(room).name == f"{key_of('sensor')}.curve"
 
 
-def test_another_sensor_or_other_code_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    keep("sensor", Curve, lambda: CURVE)
-    other = replace(CURVE, least=1.0)
-    assert same(keep("other sensor", Curve, lambda: other), other)
-    monkeypatch.setattr(work, "code_digest", lambda: "other code")
-    assert same(keep("sensor", Curve, lambda: other), other)
+OTHER = replace(CURVE, least=1.0)
+NOW, USER = arithmetic(), os.geteuid()
 
 
-def test_what_another_arithmetic_left_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize(
+    ("of", "name", "other"),
+    [
+        (work, "code_digest", "other code"),
+        (os, "geteuid", USER + 1),
+        *((work, "arithmetic", {**NOW, part: "another"}) for part in ("machine", "blas", "vectors", "libm")),
+    ],
+    ids=["code", "user", "machine", "blas", "vectors", "libm"],
+)
+def test_what_other_code_arithmetic_or_users_left_is_found_anew(
+    of: ModuleType, name: str, other: object, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A script with kernels of its own must not give later commands its last digits."""
-    now, other = arithmetic(), replace(CURVE, least=1.0)
     keep("sensor", Curve, lambda: CURVE)
-    monkeypatch.setattr(work, "arithmetic", lambda: {**now, "processor": "another"})
-    keep("sensor", Curve, refused)
-    for part in ("machine", "blas", "vectors", "libm"):
-        monkeypatch.setattr(work, "arithmetic", lambda part=part: {**now, part: "another"})
-        assert same(keep("sensor", Curve, lambda: other), other)
-    monkeypatch.setattr(work, "arithmetic", lambda: now)
-    assert same(keep("sensor", Curve, refused), CURVE)
+    monkeypatch.setattr(of, name, lambda: other)
+    assert bits(keep("sensor", Curve, lambda: OTHER)) == bits(OTHER)
+
+
+def test_another_sensor_is_found_anew_and_on_another_processor_of_the_same_arithmetic_nothing(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    keep("sensor", Curve, lambda: CURVE)
+    assert bits(keep("other sensor", Curve, lambda: OTHER)) == bits(OTHER)
+    monkeypatch.setattr(work, "arithmetic", lambda: {**NOW, "processor": "another"})
+    assert bits(keep("sensor", Curve, refused)) == bits(CURVE)
 
 
 def test_the_code_is_that_of_both_models_and_of_what_they_share(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -116,7 +125,7 @@ def test_the_round_sensor_is_set_up_once_for_all_objects_and_processes(monkeypat
     curves.kept_curve.cache_clear()  # as in another process
     monkeypatch.setattr(curves, "found_on", lambda *_: refused())
     again = curves.curve_on(RoundParameters(sensed_modulus=5e6), 3, 1)
-    assert same(first, again)
+    assert bits(first) == bits(again)
     with pytest.raises(AssertionError, match="although it was kept"):
         curves.curve_on(RoundParameters(sensed_poisson=0.31), 3, 1)
 
@@ -139,7 +148,7 @@ def _rewritten(path: Path, **changed: Any) -> bytes:
 
 @pytest.mark.parametrize(
     "damage",
-    ["empty", "cut", "one bit", "text", "other sensor's", "not finite", "other shapes", "too many", "huge", "order"],
+    ["empty", "cut", "one bit", "text", "other sensor's", "not finite", "other shapes", "too many", "huge", "a name"],
 )
 def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
     room: Path, monkeypatch: pytest.MonkeyPatch, damage: str
@@ -159,25 +168,13 @@ def test_a_damaged_or_foreign_file_is_found_anew_and_replaced(
         "other shapes": _rewritten(path, arrays={**shapes, "rates": [1], "ratio": [5]}),
         "too many": _rewritten(path, arrays={**shapes, "rates": [2]}),
         "huge": _rewritten(path, arrays={**shapes, "rates": [10**12]}),
-        "order": _swapped(whole),
+        "a name": whole.replace(b"rates", b"ratex", 1),
     }[damage]
     path.write_bytes(bad)
     with pytest.raises(ConfigError, match="not readable"):
         read(path, Curve, key_of("sensor"))
-    other = replace(CURVE, least=1.0)
-    assert same(keep("sensor", Curve, lambda: other), other)
-    assert same(keep("sensor", Curve, refused), other)
-
-
-def _swapped(whole: bytes) -> bytes:
-    """Two names of equal shapes exchanged, with the hash as it was."""
-    line, _, numbers = whole.partition(b"\n")
-    head = json.loads(line)
-    names = list(head["arrays"])
-    one, other = names.index("rates"), names.index("ratio")
-    names[one], names[other] = names[other], names[one]
-    head["arrays"] = {name: head["arrays"][name] for name in names}
-    return json.dumps(head).encode() + b"\n" + numbers
+    assert bits(keep("sensor", Curve, lambda: OTHER)) == bits(OTHER)
+    assert bits(keep("sensor", Curve, refused)) == bits(OTHER)
 
 
 def test_a_file_that_is_too_large_is_not_read_whole(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
@@ -197,7 +194,7 @@ def test_what_is_no_file_stops_nothing(room: Path, kind: str) -> None:
         os.mkfifo(path)  # to open it would wait for ever
     else:
         path.symlink_to(room / "nothing")
-    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+    assert bits(keep("sensor", Curve, lambda: CURVE)) == bits(CURVE)
 
 
 # --- never in the way of an answer ---------------------------------------------------------------------
@@ -205,25 +202,22 @@ def test_what_is_no_file_stops_nothing(room: Path, kind: str) -> None:
 
 def test_a_folder_that_cannot_be_made_stops_no_answer(room: Path) -> None:
     room.write_text("a file is here")
-    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+    assert bits(keep("sensor", Curve, lambda: CURVE)) == bits(CURVE)
 
 
-def test_a_full_disk_stops_no_answer_and_leaves_no_half_file(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> None:
-        raise OSError(errno.ENOSPC, "No space left on device")
-
-    monkeypatch.setattr(Path, "replace", full)
-    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
-    assert list(room.iterdir()) == []
-
-
-def test_ctrl_c_while_a_file_is_written_leaves_no_half_file(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def interrupted(*_: object) -> None:
-        raise KeyboardInterrupt
-
-    monkeypatch.setattr(Path, "replace", interrupted)
-    with pytest.raises(KeyboardInterrupt):
-        keep("sensor", Curve, lambda: CURVE)
+@pytest.mark.parametrize(
+    ("error", "answer"),
+    [
+        (OSError(errno.ENOSPC, "No space left on device"), nullcontext()),
+        (KeyboardInterrupt(), pytest.raises(KeyboardInterrupt)),
+    ],
+)
+def test_neither_a_full_disk_nor_ctrl_c_leaves_a_half_file_and_a_full_disk_stops_no_answer(
+    error: BaseException, answer: AbstractContextManager[object], room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Path, "replace", Mock(side_effect=error))
+    with answer:
+        assert bits(keep("sensor", Curve, lambda: CURVE)) == bits(CURVE)
     assert list(room.iterdir()) == []
 
 
@@ -235,7 +229,7 @@ def test_who_has_no_home_keeps_nothing_and_is_answered(monkeypatch: pytest.Monke
     monkeypatch.delenv("XDG_CACHE_HOME", raising=False)
     monkeypatch.setattr(Path, "home", homeless)
     assert work.folder() is None
-    assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+    assert bits(keep("sensor", Curve, lambda: CURVE)) == bits(CURVE)
 
 
 @pytest.mark.parametrize(
@@ -247,6 +241,7 @@ def test_who_has_no_home_keeps_nothing_and_is_answered(monkeypatch: pytest.Monke
         ("darwin", {}, "/home/me/Library/Caches/palpate/curves"),
         ("win32", {}, "/home/me/AppData/Local/palpate/curves"),
         ("linux", {"XDG_CACHE_HOME": "/scratch", "PALPATE_CURVES": "/mine"}, "/mine"),
+        ("linux", {"HOME": "/home/me", "PALPATE_CURVES": "~/mine"}, "/home/me/mine"),
     ],
 )
 def test_curves_are_kept_among_the_users_caches(
@@ -261,11 +256,13 @@ def test_curves_are_kept_among_the_users_caches(
     assert work.folder() == Path(expected)
 
 
-def test_what_was_not_used_for_longest_goes_first(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for age, name in enumerate(("used again", "forgotten", "new")):
+def test_what_was_not_used_for_longest_goes_first_and_what_is_of_the_future(
+    room: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for at, name in ((1e9, "used again"), (1e9 + 1, "forgotten"), (1e9 + 2, "new"), (4e9, "future")):
         keep(name, Curve, lambda: CURVE)
         path = room / f"{key_of(name)}{work.SUFFIX}"
-        os.utime(path, (1e9 + age, 1e9 + age))
+        os.utime(path, (at, at))
     keep("used again", Curve, refused)
     monkeypatch.setattr(work, "ROOM", int(3.5 * path.stat().st_size))
     keep("one more", Curve, lambda: CURVE)
@@ -299,18 +296,9 @@ def test_a_link_out_of_the_folder_is_neither_read_nor_touched(room: Path, tmp_pa
     elsewhere = only(room).rename(tmp_path / "elsewhere.curve")
     os.utime(elsewhere, (1e9, 1e9))
     (room / f"{key_of('sensor')}{work.SUFFIX}").symlink_to(elsewhere)
-    other = replace(CURVE, least=1.0)
-    assert same(keep("sensor", Curve, lambda: other), other)
-    assert same(keep("sensor", Curve, refused), other)
+    assert bits(keep("sensor", Curve, lambda: OTHER)) == bits(OTHER)
+    assert bits(keep("sensor", Curve, refused)) == bits(OTHER)
     assert elsewhere.stat().st_mtime == 1e9
-
-
-def test_a_file_of_another_user_is_found_anew(monkeypatch: pytest.MonkeyPatch) -> None:
-    keep("sensor", Curve, lambda: CURVE)
-    other = replace(CURVE, least=1.0)
-    user = os.geteuid()
-    monkeypatch.setattr(os, "geteuid", lambda: user + 1)
-    assert same(keep("sensor", Curve, lambda: other), other)
 
 
 def test_a_head_that_is_too_long_is_not_read(room: Path) -> None:
@@ -318,7 +306,7 @@ def test_a_head_that_is_too_long_is_not_read(room: Path) -> None:
     only(room).write_bytes(b"[" + b"[]," * 3_000_000 + b"[]]\n")  # as Python's lists 25 times as large
     tracemalloc.start()
     try:
-        assert same(keep("sensor", Curve, lambda: CURVE), CURVE)
+        assert bits(keep("sensor", Curve, lambda: CURVE)) == bits(CURVE)
         assert tracemalloc.get_traced_memory()[1] < 5e6
     finally:
         tracemalloc.stop()
@@ -350,18 +338,7 @@ def test_what_cannot_be_deleted_does_not_let_the_folder_grow(
     monkeypatch.setattr(work, "ROOM", size + 10)
     keep("new", Curve, lambda: CURVE)
     assert not (room / f"{key_of('old')}{work.SUFFIX}").exists()
-    assert same(keep("new", Curve, refused), CURVE)
-
-
-def test_times_in_the_future_make_no_file_last_for_ever(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    for name in ("future", "new"):
-        keep(name, Curve, lambda: CURVE)
-    path = room / f"{key_of('future')}{work.SUFFIX}"
-    os.utime(path, (4e9, 4e9))
-    monkeypatch.setattr(work, "ROOM", int(2.5 * path.stat().st_size))
-    keep("one more", Curve, lambda: CURVE)
-    left = {file.name.removesuffix(work.SUFFIX) for file in room.iterdir()}
-    assert left == {key_of("new"), key_of("one more")}
+    assert bits(keep("new", Curve, refused)) == bits(CURVE)
 
 
 def test_what_a_killed_process_left_goes(room: Path) -> None:
@@ -373,12 +350,6 @@ def test_what_a_killed_process_left_goes(room: Path) -> None:
     keep("sensor", Curve, lambda: CURVE)
     assert {file.suffix for file in room.iterdir()} == {work.SUFFIX, ".part"}
     assert being_written.exists() and not left.exists()
-
-
-def test_a_folder_that_is_named_from_the_home_is_there(room: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("HOME", str(room))
-    monkeypatch.setenv(work.VARIABLE, "~/mine")
-    assert work.folder() == room / "mine"
 
 
 # --- what is worth keeping -----------------------------------------------------------------------------
@@ -398,7 +369,7 @@ def test_poles_that_cannot_matter_are_left_out() -> None:
         np.testing.assert_allclose(of(short, moduli), of(tiny, moduli), rtol=1e-15)
     for own, other in zip(short.energies(moduli), tiny.energies(moduli), strict=True):
         np.testing.assert_allclose(own, other, rtol=1e-15)
-    assert same(CURVE.without(), CURVE)
+    assert bits(CURVE.without()) == bits(CURVE)
 
 
 @pytest.mark.parametrize("alone", ["loads", "ratio", "charges"])

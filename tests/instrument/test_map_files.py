@@ -1,18 +1,40 @@
-"""Map files: each is a contract, proved by its frames; what is wrong is said with file, table, key and value."""
+"""Map files, their golden frames and roles: each is a contract, and what is wrong is said with table, key and value."""
 
 from __future__ import annotations
 
 import re
+import tomllib
 from collections.abc import Mapping
+from dataclasses import replace
 from pathlib import Path
+from random import Random
+from typing import Any
 
 import pytest
+from pymodbus.framer import FramerRTU
 
 from palpate.instrument.bench.description import read_bench
-from palpate.instrument.bench.kinds import check_identities, device_kind, kind_in_file
-from palpate.instrument.contracts.maps.golden_frames import prove
-from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map, shipped
+from palpate.instrument.bench.kinds import check_identities, device_kind, kind_in_file, kind_of
+from palpate.instrument.bench.role_maps import BiasMap, ExciterMap, raw_limits
+from palpate.instrument.config import check
+from palpate.instrument.contracts import CONTRACTS
+from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.contracts.declaration import Command, Pdo
+from palpate.instrument.contracts.field import Field, Scaling, sdo
+from palpate.instrument.contracts.maps.eds import imported
+from palpate.instrument.contracts.maps.golden_frames import computed, crc, prove
+from palpate.instrument.contracts.maps.map_file import (
+    SHIPPED,
+    FrameTable,
+    GoldenFrame,
+    frame_of,
+    map_of,
+    read_map,
+    shipped,
+)
 from palpate.instrument.errors import ConfigError, UnknownName
+from tests.contracts import canopen_contract as node
+from tests.contracts import modbus_contract as modbus
 
 # A transmitter after those of the LAUMAS family; its two frames are worked out by hand in the manual's words
 TRANSMITTER = """
@@ -130,11 +152,6 @@ def test_bytes_of_a_frame_may_have_commas_as_some_manuals_print_them(tmp_path: P
     assert prove(found.contract, found.frames).problems == ()
 
 
-def test_an_unknown_kind_names_the_shipped_maps() -> None:
-    with pytest.raises(UnknownName, match="did you mean 'flintec-dad-141'"):
-        device_kind("flintec-dad-14")
-
-
 # --- what is wrong -------------------------------------------------------------------------------------
 
 SCALED = """
@@ -202,13 +219,6 @@ def test_an_impossible_map_is_refused_with_file_table_value_and_what_is_allowed(
         read_map(file)
 
 
-def test_all_wrong_tables_of_a_map_are_named_at_once(tmp_path: Path) -> None:
-    file = changed(tmp_path, {'meaning = "gross weight"': "", 'meaning = "net weight"': "scale = 2"})
-    with pytest.raises(ConfigError) as failure:
-        read_map(file)
-    assert [line.split(": ")[1] for line in str(failure.value).splitlines()] == ["field.gross", "field.net"]
-
-
 def test_a_map_with_the_name_of_one_of_our_own_kinds_is_refused(tmp_path: Path) -> None:
     file = changed(tmp_path, {'name = "transmitter"': 'name = "positioner"'})
     with pytest.raises(ConfigError, match=r"device.name: 'positioner' is a kind of palpate's own; give another name"):
@@ -232,3 +242,340 @@ def test_a_table_of_an_unknown_role_is_refused(tmp_path: Path) -> None:
 def test_the_name_of_a_kind_is_no_path(name: str) -> None:
     with pytest.raises(UnknownName):
         device_kind(name)
+
+
+# --- Golden frames: each wrong scale, sign, order, address or function of a map is found, and is named with its values
+
+
+def frame(says: str, request: Any = None, reply: Any = None, **more: Any) -> GoldenFrame:
+    table = {"says": says, "request": request, "reply": reply, "origin": "printed", **more}
+    return frame_of(1, check({key: value for key, value in table.items() if value is not None}, FrameTable, "map"))
+
+
+DRIVER = Field("driver_temperature", 0xF8, "int32", "temperature", "degC", 0.1)
+MOTOR = replace(DRIVER, name="motor_temperature", address=0xFA)
+TEMPERATURES = {"driver_temperature": 38.3, "motor_temperature": 42.6}
+DECIMALS = Field("decimals", sdo(0x6132, 1), "uint8", "decimals")
+STRAIN = Field("strain", sdo(0x7130, 1), "int16", "strain", "um/m", scaling=Scaling("decimals"))
+
+# Printed in HP-5142E rev 6 (Oriental Motor), p. 81; in Manual_CANopen_StrainLink_EN_V3_05 (Baumer); and on the page of
+# Waveshare's Analog Output 8CH; the coil of an EA supply is worked out
+FRAMES = {
+    "two longs": (
+        modbus(DRIVER, MOTOR),
+        frame("read driver_temperature, motor_temperature", "01 03 00 F8 00 04 C5 F8",
+              "01 03 08 00 00 01 7F 00 00 01 AA 00 23", values=TEMPERATURES),
+    ),
+    "one register": (
+        modbus(Field("output", 1, "uint16", "current", "A", 1e-6, "wo", function=6)),
+        frame("write output", "01 06 00 01 13 88 D5 5C", "01 06 00 01 13 88 D5 5C", values={"output": 0.005}),
+    ),
+    "a coil": (
+        modbus(Field("remote", 402, "bool", "remote", access="rw", table="coil", choices={"off": 0, "on": 1}),
+               commands=(Command("remote", "remote", "on"),)),
+        frame("command remote", "00 05 01 92 FF 00 2D FA", "00 05 01 92 FF 00 2D FA"),
+    ),
+    "an object": (
+        node(STRAIN, DECIMALS),
+        frame("read strain", "601: 40 30 71 01 00 00 00 00", "581: 4B 30 71 01 2C 01 00 00", values={"strain": 3.0},
+              beside={"decimals": 2}),
+    ),
+    "a text in four bytes, whose number is not told": (
+        node(Field("auto_zero", sdo(0x6125, 1), "text", "order", access="wo", length=4)),
+        frame("write auto_zero", "601: 22 25 61 01 7A 65 72 6F", "581: 60 25 61 01 00 00 00 00",
+              values={"auto_zero": "zero"}),
+    ),
+    "process data": (
+        node(Field("torque", sdo(0x6071), "int16", "torque", access="rw"),
+             Field("order", sdo(0x6040), "uint16", "order", access="rw"),
+             receives=(Pdo("drive", 0x200, ("order", "torque")),)),
+        frame("takes drive", "205: 0F 00 F4 01", values={"order": 15, "torque": 500}),
+    ),
+}  # fmt: skip
+
+
+@pytest.mark.parametrize("name", FRAMES)
+def test_a_frame_of_a_manual_proves_its_fields(name: str) -> None:
+    contract, given = FRAMES[name]
+    proof = prove(contract, [given])
+    assert proof.problems == ()
+    assert set(proof.proved.values()) == {"printed"}
+    assert set(proof.without) <= {"decimals"}
+
+
+@pytest.mark.parametrize(
+    ("name", "field", "changes", "wrong"),
+    [
+        (
+            "two longs",
+            "motor_temperature",
+            {"scale": 0.01},
+            "42.6 degC wanted .00 00 10 A4., 4.26 found",
+        ),
+        ("two longs", "motor_temperature", {"words": "little"}, "motor_temperature: 42.6 degC wanted .01 AA 00 00.,"),
+        ("two longs", "driver_temperature", {"octets": "little"}, "38.3 degC wanted .00 00 7F 01"),
+        ("two longs", "motor_temperature", {"address": 0xFC}, "our driver sends 01 03 00 F8 00 06 44 39"),
+        ("two longs", "motor_temperature", {"type": "int16"}, "our driver sends 01 03 00 F8 00 03"),
+        ("two longs", "motor_temperature", {"maximum": 40.0}, "motor_temperature = 42.6 degC is outside -inf to 40"),
+        ("two longs", "driver_temperature", {"access": "wo"}, "driver_temperature cannot be read; its access is 'wo'"),
+        ("one register", "output", {"function": 16}, "output: request 01 06 .*, our driver sends 01 10 00 01 00 01 02"),
+        ("one register", "output", {"scale": 1e-5}, "output: 0.005 A wanted .01 F4., 0.05 found .13 88."),
+        ("one register", "output", {"maximum": 0.004}, "output = 0.005 A is outside -inf to 0.004 A"),
+        ("a coil", "remote", {"function": 15}, "our driver sends 00 0F 01 92 00 01 01 01"),
+        ("a coil", "remote", {"choices": {"off": 1, "on": 0}}, "remote: 0 wanted .00., 1 found .01."),
+        ("an object", "strain", {"scaling": None}, "strain: 3 um/m wanted .03 00., 300 found .2C 01."),
+        ("an object", "strain", {"type": "int32"}, "strain: 2 bytes, a int32 has 4"),
+        ("an object", "strain", {"address": sdo(0x7130, 2)}, "is no answer to a read of 7130:2"),
+        ("process data", "torque", {"type": "int32"}, "4 bytes, drive has 6"),
+        ("process data", "torque", {"scale": 0.1}, "torque: 500 wanted .88 13., 50 found .F4 01."),
+    ],
+)
+def test_each_mistake_in_a_map_is_named_with_the_values_wanted_and_found(
+    name: str, field: str, changes: dict[str, Any], wrong: str
+) -> None:
+    contract, given = FRAMES[name]
+    fields = tuple(replace(f, **changes) if f.name == field else f for f in contract.fields)
+    (problem,) = prove(replace(contract, fields=fields), [given]).problems
+    assert problem.startswith(f"frame 1 ({given.table.says}): ")
+    assert re.search(wrong, problem), problem
+
+
+@pytest.mark.parametrize(
+    ("given", "wrong"),
+    [
+        (frame("read x", "01 03 00 00 00 01 84 0B", "01 03 02 00 07 F9 86", values={"x": 7}), "the CRC 84 0B"),
+        (frame("read x", "01 03 00 00 00 01 84 0A", "01 03 02 00 07 F9 87", values={"x": 7}), "reply .* CRC F9 87"),
+        (frame("read x", "01 03 00 00 00 01 84 0A", "02 03 02 00 07 BD 86", values={"x": 7}), "unit 2, not from 1"),
+        (frame("read x", "01 03 00 00 00 01 84 0A", values={"x": 7}), "has no reply; give it"),
+        (frame("read x", "01 03 00 00 00 01 84 0A", "01 83 02 C0 F1", values={"x": 7}), "x: reply begins with 83 02"),
+        (frame("read x", "601: 40", "581: 40", values={"x": 7}), "request 601: 40 must be bytes"),
+        (frame("read x", "01", "01", values={"x": 7}), "request 01 has 1 bytes; a frame has 4 or more"),
+        (frame("read x", "01 03 00 00 00 01 84 0A", "01 03 02 00 07 F9 86"), "has values of nothing; give those of x"),
+        (frame("read y", values={"y": 7}), "unknown field of the thing 'y'"),
+        (frame("write x", values={"x": 7}), "x cannot be written; its access is 'ro'"),
+        (frame("command go"), "unknown command 'go'"),
+        (frame("sends go", reply="181: 00"), "unknown PDO"),
+        (frame("read x", values={"x": "on"}), "x = 'on' is no choice"),
+        (frame("read x", values={"x": float("nan")}), "x = nan, but it has no raw value that says so"),
+        (frame("read x", values={"x": ["on"]}), "unknown bit of x 'on'"),
+    ],
+)  # fmt: skip
+def test_a_frame_that_is_none_is_refused(given: GoldenFrame, wrong: str) -> None:
+    contract = modbus(Field("x", 0, "uint16", "x"))
+    (problem,) = prove(contract, [given]).problems
+    assert re.search(wrong, problem), problem
+
+
+def test_the_crc_is_that_of_the_library() -> None:
+    for data in map(Random(1).randbytes, range(60)):
+        assert crc(data) == FramerRTU.compute_CRC(data).to_bytes(2, "big")
+
+
+@pytest.mark.parametrize("name", CONTRACTS)
+def test_frames_that_are_worked_out_fit_each_of_our_contracts(name: str) -> None:
+    contract = CONTRACTS[name]
+    tables = "".join(computed(contract, tuple(f.name for f in contract.fields)))
+    proof = prove(contract, _frames(tables))
+    assert (proof.problems, proof.without) == ((), ())
+
+
+def _frames(text: str) -> list[GoldenFrame]:
+
+    return [frame_of(n, check(table, FrameTable, "map")) for n, table in enumerate(tomllib.loads(text)["frame"], 1)]
+
+
+@pytest.mark.parametrize("limits", [{"minimum": 70_000.0}, {"maximum": -7.0}, {"minimum": 5.0, "maximum": 6.0}])
+def test_a_frame_is_worked_out_within_the_limits_of_its_field(limits: dict[str, float]) -> None:
+    contract = modbus(Field("x", 0, "int32", "x", access="rw", **limits))  # type: ignore[arg-type]
+    assert prove(contract, _frames("".join(computed(contract, ("x",))))).proved == {"x": "computed"}
+
+
+# --- A map makes a CANopen node a sensor node: what it must say for that, and what of an EDS is enough -
+
+IO = (SHIPPED / "canopennode-io.toml").read_text(encoding="utf-8")
+CHANNELS = 'channels = ["analog_1", "analog_2", "analog_3", "analog_4"]'
+
+
+def test_shipped_nodes_tell_their_channels_their_limits_and_what_they_are_known_by() -> None:
+    io, strain, fine = (device_kind(name) for name in ("canopennode-io", "baumer-dsrt", "baumer-dsrt-24"))
+    assert [kind.channels for kind in (io, strain, fine)] == [4, 1, 1]
+    assert {kind.contract.known_by for kind in (io, strain, fine)} == {"marks"}
+    assert raw_limits(io.contract["analog_1"], 1.0) == (-32767, 32767)
+    assert raw_limits(strain.contract["strain"], 0.01) == (-32767, 32767)
+    assert raw_limits(fine.contract["strain"], 0.01) == (-8388607, 8388607)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "wrong"),
+    [
+        (
+            CHANNELS,
+            'channels = ["analog_1", "heartbeat"]',
+            "channels: 'heartbeat' is no integer that a PDO sends; valid: ",
+        ),
+        (
+            CHANNELS,
+            'channels = ["analog_1", "analog_1"]',
+            "channels: analog_1 would come twice at each SYNC; name each",
+        ),
+        (CHANNELS, "channels = []", "channels: "),
+        ("transmission = 1\n", "transmission = 255\n", "channels: PDO samples has transmission = 255; give 1, so that"),
+        ('meaning = "analogue input 1"', 'unit = "V"\nmeaning = "x"', "channels: they have several units; a node has"),
+        (
+            'address = "1006:0"',
+            'address = "1007:0"',
+            "sends_sync: needs fields at 1005:0 and 1006:0 that can be written",
+        ),
+        ("fastest = 1000.0", 'status = "error_register"', "status: 'error_register' is no field with a choice `ok`"),
+        ("fastest = 1000.0", "fastest = 0.0", "fastest: "),
+        ("fastest = 1000.0", "slowest = 1.0", "slowest: unknown key"),
+    ],
+)
+def test_a_table_that_makes_no_sensor_node_is_refused_by_name(old: str, new: str, wrong: str) -> None:
+    assert IO.count(old) == 1
+    text = IO.replace(old, new).partition("[[frame]]")[0]
+    with pytest.raises(ConfigError, match=r"role\.sensor_node") as told:
+        kind_of(map_of(Path("io.toml"), text.encode()))
+    assert wrong in str(told.value)
+
+
+SHEET = """[FileInfo]
+[DeviceInfo]
+VendorName=Maker
+ProductName=Inputs
+[1000]
+ParameterName=x
+ObjectType=0x7
+DataType=0x7
+AccessType=ro
+DefaultValue=0x191
+[1005]
+ParameterName=x
+ObjectType=0x7
+DataType=0x7
+AccessType=rw
+DefaultValue=0x80
+[1006]
+ParameterName=x
+ObjectType=0x7
+DataType=0x7
+AccessType=rw
+[1800]
+ParameterName=x
+ObjectType=0x9
+[1800sub1]
+ParameterName=x
+ObjectType=0x7
+DataType=0x7
+AccessType=rw
+DefaultValue=$NODEID+0x180
+[1800sub2]
+ParameterName=x
+ObjectType=0x7
+DataType=0x5
+AccessType=rw
+DefaultValue=1
+[1A00]
+ParameterName=x
+ObjectType=0x9
+[1A00sub0]
+ParameterName=x
+ObjectType=0x7
+DataType=0x5
+AccessType=rw
+DefaultValue=2
+[1A00sub1]
+ParameterName=x
+ObjectType=0x7
+DataType=0x7
+AccessType=rw
+DefaultValue=0x64010110
+[1A00sub2]
+ParameterName=x
+ObjectType=0x7
+DataType=0x7
+AccessType=rw
+DefaultValue=0x64010210
+[6401]
+ParameterName=x
+ObjectType=0x8
+[6401sub1]
+ParameterName=x
+ObjectType=0x7
+DataType=0x3
+AccessType=ro
+PDOMapping=1
+[6401sub2]
+ParameterName=x
+ObjectType=0x7
+DataType=0x3
+AccessType=ro
+PDOMapping=1
+"""
+
+
+def test_a_data_sheet_and_three_lines_make_a_sensor_node(tmp_path: Path) -> None:
+    sheet = tmp_path / "inputs.eds"
+    sheet.write_text(SHEET, encoding="ascii")
+    text = imported(sheet, ["6401:1=left", "6401:2=right", "1005", "1006"])
+    text += '\n[role.sensor_node]\nchannels = ["left", "right"]\nsends_sync = true\n'
+    kind = kind_of(map_of(tmp_path / "inputs.toml", text.encode()))
+    assert (kind.channels, kind.roles, kind.contract.pdos[0].fields) == (2, ("sensor_node",), ("left", "right"))
+
+
+# --- Tables `[role.exciter]` and `[role.bias]` that name what a map does not have are refused, each thing by its key
+
+
+def wrong(kind: str, role: str, contract: Contract | None = None, **changes: Any) -> list[str]:
+    found = device_kind(kind)
+    assert found.map is not None
+    model: type[ExciterMap | BiasMap] = ExciterMap if role == "exciter" else BiasMap
+    return check({**found.map.roles[role], **changes}, model, "role").wrong(contract or found.contract)
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"stream": "torque"}, "stream = 'torque' is no process data it takes; valid: set_point"),
+        ({"enable": "run"}, "enable = 'run' is no command; valid: shutdown, switch_on, enable, disable, reset"),
+        (
+            {"fault": ("statusword", "broken")},
+            "fault = ['statusword', 'broken'] is no bit of a field; valid bits of it",
+        ),
+        ({"error": "number"}, "error: 'number' is no field; valid: device_type,"),
+        ({"set_up": {"gear": 1}}, "set_up: 'gear' is no field; valid: device_type,"),
+    ],
+)
+def test_an_exciter_that_names_what_the_map_lacks_is_refused(changes: dict[str, Any], said: str) -> None:
+    (found,) = wrong("maxon-epos4", "exciter", **changes)
+    assert found.startswith(said)
+
+
+def test_a_drive_without_a_dead_man_is_refused() -> None:
+    contract = device_kind("maxon-epos4").contract
+    fields = tuple(f for f in contract.fields if f.name != "watchdog")
+    (found,) = wrong("maxon-epos4", "exciter", replace(contract, fields=fields))
+    assert found.startswith(
+        "a drive that goes on with its last set-point needs a dead-man: a field 'watchdog' of 1016h"
+    )
+
+
+def test_set_points_that_wait_for_a_sync_are_refused() -> None:
+    contract = device_kind("maxon-epos4").contract
+    (pdo,) = contract.receives
+    (found,) = wrong("maxon-epos4", "exciter", replace(contract, receives=(replace(pdo, transmission=1),)))
+    assert found.startswith("stream = 'set_point' must hold one field in %, and be taken when it arrives")
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"level": "state"}, "level: 'state' is no number field that can be written and read; valid: remote, output,"),
+        ({"actual": "measured"}, "actual = 'measured' is no number field that can be read; valid: device_class,"),
+        ({"ready": "wake"}, "ready = 'wake' is no command; valid: remote, on, off"),
+        ({"off": ""}, "on and off: give both, or none"),
+    ],
+)
+def test_a_source_that_names_what_the_map_lacks_is_refused(changes: dict[str, Any], said: str) -> None:
+    (found,) = wrong("ea-psb", "bias", **changes)
+    assert found.startswith(said)

@@ -111,36 +111,33 @@ def test_the_curve_of_a_surface_is_its_poles_with_the_greatest_estimate(found: S
 # --- which files ---------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("other", ["sensor", "version", "hash"])
-def test_curves_of_another_sensor_or_version_are_not_taken(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: str
+NONE = (RangeError, "has no surface for design 'single_round' with these dimensions")
+
+
+@pytest.mark.parametrize(
+    ("other", "error", "message"),
+    [
+        ("sensor", *NONE),
+        ("version", *NONE),
+        ("hash", ConfigError, r"it was written for something else.*build it again"),
+        ("missing", ConfigError, r"not readable \(No such file.*palpate model surfaces --store"),
+    ],
+)
+def test_curves_of_another_sensor_or_version_are_not_taken_and_a_missing_file_not_for_another_sensor(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, other: str, error: type[Exception], message: str
 ) -> None:
     monkeypatch.setattr(surface, "STORED", tmp_path)
     files = [(path, key) for _, path, key in surface.places("single_round", round_parameters(ROUND, LOAD))]
     mesh = RoundMesh(axisymmetric.curve(round_parameters(ROUND, LOAD), 1), 1.0)
-    for path, key in files:
+    for path, key in files[other == "missing" :]:
         write(path, mesh, "0" * 64 if other == "hash" else key)
-    if other == "hash":
-        with pytest.raises(ConfigError, match=r"it was written for something else.*build it again"):
-            surface.read_surface.__wrapped__(ROUND, LOAD)
-        return
-    surface.read_surface.__wrapped__(ROUND, LOAD)
+    if error is RangeError:
+        surface.read_surface.__wrapped__(ROUND, LOAD)
     if other == "version":
         monkeypatch.setattr(surface, "CODE_VERSION", surface.CODE_VERSION + 1)
     asked = replace(PHYSICAL, sensed_thickness=2e-3).load(1e5) if other == "sensor" else LOAD
-    with pytest.raises(RangeError, match="has no surface for design 'single_round' with these dimensions"):
+    with pytest.raises(error, match=message):
         surface.read_surface.__wrapped__(ROUND, asked)
-
-
-def test_a_missing_file_is_named_and_not_taken_for_another_sensor(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(surface, "STORED", tmp_path)
-    *written, (_, missing, _) = surface.places("single_round", round_parameters(ROUND, LOAD))
-    for _, path, key in written:
-        write(path, RoundMesh(axisymmetric.curve(round_parameters(ROUND, LOAD), 1), 1.0), key)
-    with pytest.raises(ConfigError, match=rf"{missing}: not readable \(No such file.*palpate model surfaces --store"):
-        surface.read_surface.__wrapped__(ROUND, LOAD)
 
 
 @pytest.mark.parametrize("design", SHIPPED)

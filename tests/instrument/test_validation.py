@@ -1,4 +1,4 @@
-"""The distance of each model from the experiments of the thesis."""
+"""The distance of each model from the experiments of the thesis, and what a match with them is worth."""
 
 from __future__ import annotations
 
@@ -12,6 +12,7 @@ import pytest
 from palpate.instrument.errors import ConfigError, UnknownName
 from palpate.instrument.models import price_list, validation
 from palpate.instrument.models import response as registry
+from palpate.instrument.models.evidence import GIVEN, REPEATS, Evidence, EvidencePart, of_experiment, of_model, ratio_by
 from palpate.instrument.models.parameters import PHYSICAL, get_parameter_set
 from palpate.instrument.models.response import response
 from palpate.instrument.models.table import MODELS, Model, Response
@@ -19,6 +20,7 @@ from palpate.instrument.models.validation import validate, validate_all
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import DESIGNS, get_design
 from palpate.instrument.sensor.sample import SAMPLES, Load
+from palpate.instrument.thesis import COMMON_BASE_TABLES, SINGLE_TABLES
 
 Found = validation.Validation
 
@@ -111,3 +113,65 @@ def test_a_damaged_list_and_unknown_names_are_refused(tmp_path: Path, monkeypatc
                 validate("single", "physical", "solid")
     finally:
         validation.stored.cache_clear()
+
+
+# --- What a match with the thesis is worth follows from what went into ours ----------------------------
+
+INPUT, FITTED, PREDICTED = Evidence
+RATIO, FORCE, VOLTAGE = "force_ratio", "force_rigid_N", "voltage_pvdf2_V"
+LOADS = ("force_total_N", "pvdf1_total_mV", "force2_total_left_N", "pvdf4_total_right_mV")
+ALL = [(table,) for table in (*REPEATS, *REPEATS.values(), "A2.7")]
+EXPERIMENTS = (*SINGLE_TABLES.values(), *COMMON_BASE_TABLES.values(), "5.5", "5.6", "5.7")
+
+
+@pytest.mark.parametrize(
+    ("ratio", "quantities", "expected"),
+    [
+        (
+            ratio_by("experiment"),
+            (RATIO, FORCE, "pvdf2_rigid_mV", "pvdf3_total_mV", "force_total_N", "meter_reading_mV"),
+            INPUT,
+        ),
+        (ratio_by("axisymmetric", "identified"), (*LOADS, "meter_reading_mV"), INPUT),
+        (ratio_by("solid", "physical"), (*LOADS, "meter_reading_mV"), INPUT),
+        (ratio_by("axisymmetric", "identified"), (RATIO, FORCE, "pvdf2_rigid_mV", "pvdf2_mV", "force1_N"), PREDICTED),
+        (ratio_by("solid", "physical"), (RATIO, FORCE, "pvdf2_rigid_mV", "pvdf2_mV", "force1_N"), PREDICTED),
+    ],
+)
+def test_a_bench_hands_back_the_means_it_was_given_and_else_predicts_all_but_load_and_meter(
+    ratio: EvidencePart, quantities: tuple[str, ...], expected: Evidence
+) -> None:
+    assert {of_experiment(each, ratio, table) for table in EXPERIMENTS for each in quantities} == {expected}
+
+
+FITS = ("A2.3", "4.5", "A2.5", "4.3")
+OTHERS = ("A2.2", "A2.4", "A2.6", "4.2", "4.4", "4.6", "A2.7")
+
+
+@pytest.mark.parametrize(
+    ("quantity", "ratio", "tables", "expected"),
+    [
+        (FORCE, ratio_by("axisymmetric", "identified"), [("A2.1",), ("4.1",)], FITTED),
+        (FORCE, ratio_by("axisymmetric", "identified"), [(each,) for each in (*FITS, *OTHERS)], PREDICTED),
+        (FORCE, ratio_by("solid", "identified"), [(each,) for each in ("A2.1", "4.1", *FITS)], FITTED),
+        (FORCE, ratio_by("solid", "identified"), [(each,) for each in OTHERS], PREDICTED),
+        (FORCE, ratio_by("solid", "physical"), ALL, PREDICTED),
+        (VOLTAGE, ratio_by("solid", "identified"), ALL, PREDICTED),  # the material's, whatever the ratio
+        (VOLTAGE, GIVEN, ALL, PREDICTED),
+        ("single_vs_2D", ratio_by("beam"), [("5.8",)], FITTED),  # its lengths were chosen for this table
+        ("single_vs_2D", ratio_by("beam_printed"), [("5.8",)], PREDICTED),
+        ("single_vs_3D", ratio_by("axisymmetric", "identified"), [("5.8", "A2.1")], FITTED),
+        ("different_base_vs_3D", ratio_by("solid", "identified"), [("5.8", "A2.5")], FITTED),
+        (RATIO, ratio_by("beam"), [("A2.1",)], PREDICTED),
+    ],
+)
+def test_a_model_is_fitted_to_the_tables_of_its_set_and_what_they_repeat_and_predicts_the_rest(
+    quantity: str, ratio: EvidencePart, tables: list[tuple[str, ...]], expected: Evidence
+) -> None:
+    assert {of_model(quantity, ratio, *table) for table in tables} == {expected}
+
+
+def test_every_model_of_the_registry_has_a_class_and_an_unknown_set_is_refused() -> None:
+    assert {of_experiment(RATIO, ratio_by(model), "A2.9") for model in MODELS if model != "experiment"} == {PREDICTED}
+    with pytest.raises(UnknownName, match="unknown parameter set 'fitted'"):
+        ratio_by("solid", "fitted")
