@@ -18,11 +18,10 @@ from palpate.instrument.errors import LinkError
 from palpate.instrument.sensor.designs import get_design
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.bounds import bound_of
-from palpate.simulators.effects.can_timing import CanTiming
-from palpate.simulators.effects.serial_timing import SerialTiming
 from palpate.simulators.physics.effect import Bound, Case, Effect
 from palpate.simulators.planning.plan import Question, case_of
 from palpate.simulators.scenes.scene import Scene
+from tests.simulators.rigs import an_effect
 
 US = 1000  # ns
 
@@ -42,8 +41,8 @@ def opened(scene: Scene, *effects: tuple[str, Effect], nodes: int = 1) -> Iterat
 
 @pytest.mark.parametrize(("size", "microseconds"), [(0, 55), (5, 105), (8, 135)])
 def test_a_frame_takes_its_47_bits_its_data_and_the_most_that_can_be_stuffed(size: int, microseconds: int) -> None:
-    assert CanTiming().frame_ns(size) == microseconds * US
-    assert CanTiming(bitrate="125 kbit/s").frame_ns(size) == 8 * microseconds * US
+    assert an_effect("can_timing").frame_ns(size) == microseconds * US
+    assert an_effect("can_timing", bitrate="125 kbit/s").frame_ns(size) == 8 * microseconds * US
 
 
 def test_the_mean_of_stuffed_bits_is_that_of_random_data() -> None:
@@ -55,12 +54,12 @@ def test_the_mean_of_stuffed_bits_is_that_of_random_data() -> None:
             stuffed, run, last = stuffed + 1, 1, 1 - bit
     assert stuff_bits(8, "mean") / 98 == pytest.approx(stuffed / len(bits), rel=0.03)
     assert stuff_bits(8) == 24
-    assert CanTiming(stuffing="mean").frame_ns(8) == round((111 + 98 / 30) * US)
+    assert an_effect("can_timing", stuffing="mean").frame_ns(8) == round((111 + 98 / 30) * US)
 
 
 def test_frames_go_out_by_their_identifiers_and_the_last_are_lost() -> None:
     frames = [(0x181, 8), (0x281, 5), (0x182, 8), (0x282, 5)]
-    timing = CanTiming()
+    timing = an_effect("can_timing")
     assert timing.burst(frames, 1000 * US) == ([0, 2, 1, 3], 535 * US)
     assert timing.burst(frames, 535 * US) == ([0, 2, 1, 3], 535 * US)
     assert timing.burst(frames, 535 * US - 1) == ([0, 2, 1], 535 * US - 1)
@@ -72,7 +71,7 @@ def test_frames_go_out_by_their_identifiers_and_the_last_are_lost() -> None:
 
 
 def test_a_request_to_a_node_takes_two_frames_of_the_benchs_clock_and_none_without_the_effect(scene: Scene) -> None:
-    for effects, took in (((), 0), ((("can_timing", CanTiming(bitrate="500 kbit/s")),), 2 * 270 * US)):
+    for effects, took in (((), 0), ((("can_timing", an_effect("can_timing", bitrate="500 kbit/s")),), 2 * 270 * US)):
         with opened(scene, *effects) as bench:
             start = bench.clock.now_ns()
             bench.device("sensor_node_1").get("sample_counter")
@@ -82,7 +81,7 @@ def test_a_request_to_a_node_takes_two_frames_of_the_benchs_clock_and_none_witho
 
 
 def test_a_request_waits_until_the_samples_are_through(scene: Scene) -> None:
-    with opened(scene, ("can_timing", CanTiming()), nodes=2) as bench:
+    with opened(scene, ("can_timing", an_effect("can_timing")), nodes=2) as bench:
         node = bench.device("sensor_node_1")
         for each in bench.all(SensorNode):
             each.arm()
@@ -95,7 +94,7 @@ def test_a_request_waits_until_the_samples_are_through(scene: Scene) -> None:
 
 
 def test_five_nodes_at_1_khz_overload_1_mbit_and_the_driver_sees_who_lost_frames(scene: Scene) -> None:
-    timing = ("can_timing", CanTiming())
+    timing = ("can_timing", an_effect("can_timing"))
     assert bus_load(5, 1000.0, 1e6) > 1 > bus_load(5, 780.0, 1e6)
     with opened(scene, timing, nodes=5) as bench:
         for node in bench.all(SensorNode)[1:]:
@@ -108,31 +107,18 @@ def test_five_nodes_at_1_khz_overload_1_mbit_and_the_driver_sees_who_lost_frames
         assert len(acquire(bench.all(SensorNode), 0.02)) == 5
 
 
-def test_the_same_requests_take_the_same_time_again(scene: Scene) -> None:
-    def elapsed() -> tuple[int, bytes]:
-        with opened(scene, ("can_timing", CanTiming()), ("serial_timing", SerialTiming()), nodes=3) as bench:
-            bench.device("positioner").home()
-            recordings = acquire(bench.all(SensorNode), 0.05)
-            bench.device("strain_indicator").read()
-            return bench.clock.now_ns(), b"".join(r.voltage.tobytes() for r in recordings)
-
-    first = elapsed()
-    assert first[0] > 0
-    assert elapsed() == first
-
-
 # --- serial line ---------------------------------------------------------------------------------------
 
 
 def test_a_frame_on_the_line_takes_11_bits_a_character_and_is_followed_by_silence() -> None:
-    slow, fast = SerialTiming(baudrate="9600 bit/s"), SerialTiming(baudrate="115.2 kbit/s")
+    slow, fast = an_effect("serial_timing", baudrate="9600 bit/s"), an_effect("serial_timing", baudrate="115.2 kbit/s")
     assert slow.frame(8) == pytest.approx((8 + 3.5) * 11 / 9600, rel=1e-12)
     assert fast.frame(8) == pytest.approx(8 * 11 / 115_200 + 1.75e-3, rel=1e-12)
 
 
 @pytest.mark.parametrize("baudrate", ["9600 bit/s", "115200 bit/s"])
 def test_a_transaction_takes_request_and_reply_of_the_benchs_clock(scene: Scene, baudrate: str) -> None:
-    timing = SerialTiming(baudrate=baudrate)
+    timing = an_effect("serial_timing", baudrate=baudrate)
     with opened(scene, ("serial_timing", timing)) as bench:
         assert bench.description.links["line"].baudrate == int(timing.baudrate)
         start = bench.clock.now_ns()
@@ -158,8 +144,8 @@ def test_timing_changes_no_result_unless_samples_are_lost() -> None:
     def case(design: str) -> Case:
         return case_of(get_design(design), "column", {}, Question())
 
-    assert bound_of(case("single"), SerialTiming()) == Bound(0.0, 0.0)
-    assert bound_of(case("array_16"), CanTiming()) == Bound(0.0, 0.0)
+    assert bound_of(case("single"), an_effect("serial_timing")) == Bound(0.0, 0.0)
+    assert bound_of(case("array_16"), an_effect("can_timing")) == Bound(0.0, 0.0)
     crowded = replace(case("array_16"), rate=1000.0)
     assert place(17) == (5, 1)
-    assert bound_of(crowded, CanTiming()) == Bound(math.inf, math.inf)
+    assert bound_of(crowded, an_effect("can_timing")) == Bound(math.inf, math.inf)

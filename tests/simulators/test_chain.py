@@ -2,22 +2,19 @@
 
 from __future__ import annotations
 
-import itertools
 import math
-from collections.abc import Callable
 from dataclasses import dataclass, field
 
 import numpy as np
 import pytest
-import scipy
 
 from palpate.instrument.arrays import Floats
-from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.lti import gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
 from palpate.simulators.physics.chain import INPUTS, Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
+from tests.simulators.rigs import an_effect
 
 MS = 1_000_000
 NO_PLAYS = Plays(ring=False, radii=(), weights=())
@@ -40,7 +37,7 @@ class Setting:
         if self.moving:
             armature = Armature(FORCE_CONSTANT, RESISTANCE, SUSPENSION, INDUCTANCE, MASS, DAMPING)
         springs = SpringStack(TOOTH, RING, 0.4)
-        creep = Viscoelastic.model_validate({"g": [0.3], "tau": ["0.1 s"]})
+        creep = an_effect("viscoelastic", g=[0.3], tau=["0.1 s"])
         stack = creep.stack(springs) if self.creeping else springs.elastic()
         films = gain(np.array([[1.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0]]))  # tooth with the plays, and total
         chain = MeasuringChain(
@@ -148,96 +145,3 @@ def test_a_creeping_sample_is_followed_until_each_period_is_the_last_again(monke
     assert path.cycle is None
     # Followed, transitions are of whole nanoseconds: that is 3e-11, in every later period alike.
     assert np.abs(recurring - followed).max() < 1e-10 * np.abs(followed).max()
-
-
-# --- with inertia --------------------------------------------------------------------------------------
-
-
-def lived(setting: Setting, until: float) -> tuple[list[float], Callable[[Floats], Floats]]:
-    """Times at which something is met or left, and (i, x, v) at any times, from an integrator with events."""
-    limits = setting.limits
-    stop = math.inf if limits.stop is None else limits.stop
-    most = math.inf if limits.current is None else limits.current
-
-    def drawn(t: float, z: Floats) -> float:
-        """The current that the voltage would drive through the coil."""
-        return (float(setting.voltage(t)) - FORCE_CONSTANT * float(z[2])) / RESISTANCE
-
-    def sides(t: float, z: Floats, held: int) -> tuple[float, ...]:
-        """What changes its sign when something is met or left."""
-        volts = setting.volts * math.sin(20 * math.pi * t)
-        rail = 1.0 if limits.rail is None else abs(volts) - limits.rail
-        over = 1.0 if most == math.inf else (held * drawn(t, z) if held else abs(float(z[0]))) - most
-        return float(z[1]) + setting.advance, abs(float(z[1])) - stop if stop < math.inf else 1.0, rail, over
-
-    t, z, held = 0.0, np.zeros(3), 0
-    times: list[float] = []
-    pieces = []
-    here = [value > 0 for value in sides(t + 1e-12, z, held)]
-    while True:
-
-        def slope(t: float, z: Floats, here: list[bool] = here, held: int = held) -> list[float]:
-            i, x, v = (float(each) for each in z)
-            volts = setting.volts * math.sin(20 * math.pi * t)
-            if limits.rail is not None and here[2]:
-                volts = math.copysign(limits.rail, volts)
-            push = FORCE_CONSTANT * i - DAMPING * v - SUSPENSION * x
-            push -= (TOOTH + RING) * (x + setting.advance) if here[0] else 0.0
-            push -= limits.stop_stiffness * (x - math.copysign(stop, x)) if here[1] and stop < math.inf else 0.0
-            return [0.0 if held else (volts - RESISTANCE * i - FORCE_CONSTANT * v) / INDUCTANCE, v, push / MASS]
-
-        events = []
-        for k in range(4):
-
-            def event(t: float, z: Floats, k: int = k, held: int = held) -> float:
-                return sides(t, z, held)[k]
-
-            event.terminal, event.direction = True, -1.0 if here[k] else 1.0  # type: ignore[attr-defined]
-            events.append(event)
-        done = scipy.integrate.solve_ivp(
-            slope, (t, until), z, method="DOP853", rtol=1e-11, atol=1e-13, max_step=2e-4, events=events,
-            dense_output=True,
-        )  # fmt: skip
-        pieces.append((t, done.sol))
-        if done.status == 0:
-            break
-        fired = next(k for k in range(4) if len(done.t_events[k]))
-        t, z, here = float(done.t[-1]), done.y[:, -1], [side != (k == fired) for k, side in enumerate(here)]
-        if fired == 3:
-            held = 0 if held else int(math.copysign(1, z[0]))
-        times.append(t)
-
-    starts = np.array([start for start, _ in pieces])
-
-    def at(when: Floats) -> Floats:
-        index = np.searchsorted(starts, when, side="right") - 1
-        return np.array([pieces[k][1](t) for k, t in zip(index, when, strict=True)]).T
-
-    return times, at
-
-
-MOVING = {
-    "contact": (Limits(), 1e-3, 3.0),
-    "rail": (Limits(rail=1.5), 4e-3, 2.0),
-    "current": (Limits(current=0.4), 4e-3, 2.0),
-    "stop": (Limits(stop=1e-3, stop_stiffness=1e6), 4e-3, 3.0),
-}
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("name", MOVING)
-def test_with_inertia_the_chain_meets_and_leaves_its_limits_when_the_integrator_does(name: str) -> None:
-    limits, advance, volts = MOVING[name]
-    setting = Setting(advance, volts, limits, moving=True)
-    chain, path = setting.path()
-    until = 0.11
-    times, at = lived(setting, until)
-    grid = np.arange(1, round(1e3 * until)) * MS
-    found = path.outputs(grid, slice(0, None))
-    i, x, _ = at(1e-9 * grid)
-    assert np.abs(found[chain.displacement] - x).max() < 1e-8 * np.abs(x).max()
-    assert np.abs(found[chain.current] - i).max() < 1e-8 * np.abs(i).max()
-    stays = path.between(0, round(until * 1e9))
-    starts = [after.start_ns for before, after in itertools.pairwise(stays) if after.mode is not before.mode]
-    assert len(starts) == len(times) >= 2
-    assert np.abs(np.array(starts) - 1e9 * np.array(times)).max() < 2

@@ -12,14 +12,13 @@ import scipy
 
 from palpate.instrument.arrays import Floats
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.effects.viscoelastic import Viscoelastic
 from palpate.simulators.linear.lti import StateSpace, gain
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
 from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
 from palpate.simulators.planning.plan import followed
 from palpate.simulators.rig import Rig
-from tests.simulators.rigs import BALANCE, MS, pressed, scene
+from tests.simulators.rigs import BALANCE, MS, an_effect, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0
 FINE = 400  # samples of a period
@@ -43,7 +42,7 @@ class Drawn:
 
     def stack(self) -> StateSpace:
         g, tau = zip(*self.creep, strict=True)
-        creep = Viscoelastic.model_validate({"g": list(g), "tau": [f"{each!r} s" for each in tau]})
+        creep = an_effect("viscoelastic", g=g, tau=[f"{each!r} s" for each in tau])
         return creep.stack(SpringStack(self.tooth, self.ring, self.share))
 
     def path(self) -> tuple[MeasuringChain, Path]:
@@ -144,7 +143,7 @@ def test_the_probe_meets_the_surface_where_it_has_relaxed_to() -> None:
 
 def test_what_recurs_is_what_is_followed_and_what_is_called_settled() -> None:
     """A scene that loses contact with a sample that creeps."""
-    chosen = dataclasses.replace(scene(), effects={"viscoelastic": Viscoelastic()})
+    chosen = dataclasses.replace(scene(), effects={"viscoelastic": an_effect("viscoelastic")})
     rig = Rig(chosen, VirtualClock())
     pressed(rig, "2", BALANCE + 2e-3, 5.0)
     times = 20 * SECOND + np.arange(1000) * MS
@@ -160,7 +159,7 @@ def test_what_recurs_is_what_is_followed_and_what_is_called_settled() -> None:
 
 
 def test_a_sample_is_mounted_fresh_whatever_the_last_one_has_crept() -> None:
-    chosen = dataclasses.replace(scene(), effects={"viscoelastic": Viscoelastic(material="soft_tissue")})
+    chosen = dataclasses.replace(scene(), effects={"viscoelastic": an_effect("viscoelastic", material="soft_tissue")})
     clock = VirtualClock()
     rig = Rig(chosen, clock)
     pressed(rig, "2", BALANCE + 4e-3, 0.0)

@@ -2,9 +2,6 @@
 
 from __future__ import annotations
 
-import os
-import subprocess
-import sys
 from pathlib import Path
 
 import pytest
@@ -13,7 +10,8 @@ from palpate.instrument.errors import ConfigError
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import Fault, Trigger, parse_faults, places
 from palpate.simulators.faults.fault import struck as struck_places
-from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.settle import read_scene, with_faults
+from tests.operations import operations, without_code_of_faults
 
 HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
 FIRST = 'kind = "no_reply"\non = "signal_generator"\n'
@@ -151,30 +149,16 @@ def test_a_fault_of_a_probability_strikes_by_seed_and_number_alone() -> None:
     assert struck({"probability": 1.0}, [0] * 5) == [1, 2, 3, 4, 5]
 
 
-# --- absent --------------------------------------------------------------------------------------------
-
-LIFE = """
-import sys
-from palpate.drivers.bench import Bench
-from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
-for file in sys.argv[1:]:
-    with SimulatedBench(read_scene(file)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.device("sensor_node_1").acquire(0.1)
-    print(*sorted(name for name in sys.modules if name.startswith("palpate.simulators.faults")))
-"""
+FAR = {"on": "signal_generator", "kind": "no_reply", "transaction": 1_000_000}
 
 
-@pytest.mark.slow
-def test_without_faults_their_code_is_not_imported(tmp_path: Path) -> None:
-    files = [tmp_path / "without.toml", tmp_path / "with.toml"]
-    files[0].write_text(HEAD)
-    files[1].write_text(HEAD + f"[[fault]]\n{FIRST}transaction = 1000\n")
-    environment = {**os.environ, "PYTHONPATH": os.pathsep.join(sys.path)}
-    life = subprocess.run(
-        [sys.executable, "-c", LIFE, *map(str, files)],
-        check=True, env=environment, capture_output=True, text=True, timeout=60,
-    )  # fmt: skip
-    without, with_faults = life.stdout.split("\n")[:2]
-    assert without == ""
-    assert "palpate.simulators.faults.modbus" in with_faults
+def test_a_scene_without_faults_does_the_same_operations_where_there_is_no_code_for_any() -> None:
+    scene = read_scene("thesis_single")
+    operations(scene)  # fills what is kept between benches
+    with_code = operations(scene)
+    faulty = with_faults(scene, [FAR])
+    assert operations(faulty) != with_code
+    with without_code_of_faults():
+        assert operations(scene) == with_code
+        with pytest.raises(ImportError):
+            operations(faulty)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -10,6 +11,7 @@ import pytest
 import scipy
 
 from palpate.instrument.arrays import Floats, Times
+from palpate.simulators.linear import bouc_wen
 from palpate.simulators.linear.lti import StateSpace, first_order_high_pass, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import SECOND, output, random_system, rich, sine
@@ -168,3 +170,31 @@ def test_on_a_grid_any_block_size_gives_the_same_bytes_and_the_values_of_single_
     pieces = [trace.at(piece, step) for piece in in_blocks(times, size)]
     assert np.concatenate(pieces, axis=1).tobytes() == whole.tobytes()
     assert np.abs(whole - trace.at(times)).max() < 1e-13 * np.abs(whole).max()
+
+
+# --- mechanics -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 1.0])
+def test_a_bouc_wen_operator_follows_its_equation_at_any_step_where_euler_runs_away(share: float) -> None:
+    """100 steps a cycle; against an integrator where the operator is soft, against its own finer steps where not."""
+
+    def slope(t: float, z: Floats) -> Floats:
+        v = 20 * np.pi * np.cos(20 * np.pi * t)
+        return np.asarray(8.0 * (v - share * abs(v) * z - (1 - share) * v * np.abs(z)))
+
+    times = np.arange(0, 101) * 1e-3
+    x = np.sin(20 * np.pi * times)
+    solved = [0.0]
+    for start, end in itertools.pairwise((0.0, 0.025, 0.075, 0.1)):  # where the sine turns
+        inside = times[(times > start + 1e-9) & (times < end + 1e-9)]
+        part = scipy.integrate.solve_ivp(
+            slope, (start, end + 1e-9), [solved[-1]], "DOP853", inside, rtol=1e-10, atol=1e-12, max_step=5e-4
+        )
+        solved += list(part.y[0])
+    assert np.abs(bouc_wen.exact(x, 8.0, share) - solved).max() < 1e-8
+    fine = np.sin(20 * np.pi * np.arange(0, 10_001) * 1e-5)
+    stiff = bouc_wen.exact(x, 100.0, share)
+    assert np.abs(stiff - bouc_wen.exact(fine, 100.0, share)[::100]).max() < 1e-12
+    assert 0.99 < np.abs(stiff).max() <= 1
+    assert not np.abs(bouc_wen.explicit_euler(np.tile(x[:-1], 10), 100.0, share)[-1000:]).max() < 10

@@ -29,10 +29,6 @@ def scene_of(tmp_path: Path, design: str, more: str = "") -> Scene:
     return read_scene(str(path))
 
 
-def test_films_fill_node_after_node() -> None:
-    assert [place(channel) for channel in (1, 4, 5, 8, 9, 17)] == [(1, 1), (1, 4), (2, 1), (2, 4), (3, 1), (5, 1)]
-
-
 def test_fewer_nodes_than_the_films_need_are_refused(tmp_path: Path) -> None:
     with pytest.raises(ConfigError, match="nodes: 4 cannot take the 17 films of design 'array_16'; give 5 or more"):
         scene_of(tmp_path, "array_16", "nodes = 4")

@@ -6,21 +6,14 @@ import math
 import os
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
+from typing import cast
 
 import numpy as np
 import pytest
 
-from palpate.simulators.bounds import sides
-from palpate.simulators.effects import EFFECTS
-from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
-from palpate.simulators.effects.frequency_error import FrequencyError
-from palpate.simulators.effects.humidity_leak import HumidityLeak
-from palpate.simulators.effects.hysteresis import Hysteresis
-from palpate.simulators.effects.jitter import Jitter
-from palpate.simulators.effects.off_axis import OffAxis
-from palpate.simulators.effects.triboelectric import Triboelectric
-from palpate.simulators.effects.viscoelastic import Viscoelastic
-from palpate.simulators.effects.white_noise import WhiteNoise
+from palpate.instrument.arrays import Floats
+from palpate.simulators.bounds import Side, _gains, _least, sides
 from palpate.simulators.linear import path as path_module
 from palpate.simulators.linear.periodic import CYCLE, SECOND
 from palpate.simulators.physics.dwells import begun, touched
@@ -28,11 +21,10 @@ from palpate.simulators.physics.effect import Bound, Effect, Effects
 from palpate.simulators.planning.plan import Question, case_of, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
-from tests.benchmarks.bounds import rows, sources, tried
-from tests.simulators.measured import changes, followed, force_and_ratio
-from tests.simulators.omitted import beside, bounded
+from tests.benchmarks.bounds import rows, tried
+from tests.simulators.measured import beside, bounded, changes, followed, force_and_ratio
 from tests.simulators.random_scenes import drawn
-from tests.simulators.strong import STRONG
+from tests.simulators.rigs import STRONG, an_effect
 
 # PALPATE_EXAMPLES=1000: so many random scenes in place of the same few; `python -m tests.benchmarks bounds` keeps what
 # it has done.
@@ -82,20 +74,6 @@ def test_bounds_hold_in_many_random_scenes_and_nine_in_ten_are_at_most_ten_times
     assert [row.met for row in figures if row.met is not None] == [True] * 4, figures
 
 
-@pytest.mark.slow
-def test_a_campaign_goes_on_while_code_changes_that_no_trial_imports() -> None:
-    root = Path(__file__).parents[2]
-    files = {str(path.relative_to(root)) for path in sources()}
-    effects = {f"simulators/effects/{name}.py" for name in EFFECTS}
-    assert effects | {"simulators/linear/crossing.py", "tests/simulators/measured.py"} <= files
-    assert not files & {
-        "simulators/wire/modbus.py",
-        "instrument/models/solid/model.py",
-        "tests/simulators/test_omission.py",
-    }
-    assert not [file for file in files if file.startswith(("drivers/", "procedures/"))]
-
-
 # --- what was left out of bounds once --------------------------------------------------------------------
 
 
@@ -110,8 +88,8 @@ def test_an_effect_is_weighed_against_what_plays_of_negative_weight_leave_of_the
     )
     assert "triboelectric" in read_scene(str(path)).effects
     question = Question("2", 3.0, dwell=0.5)
-    plays: dict[str, Effect] = {"hysteresis": Hysteresis(weights=(-0.95,), radii=("1 mN",), path="total")}
-    without, with_it = beside(plays, "triboelectric", Triboelectric())
+    plays: dict[str, Effect] = {"hysteresis": an_effect("hysteresis", weights=(-0.95,), radii=("1 mN",), path="total")}
+    without, with_it = beside(plays, "triboelectric", an_effect("triboelectric"))
     (change,) = changes(without, with_it, question)
     assert 0.05 < change[0] <= bounded("triboelectric", without, with_it, question).force < 0.08
 
@@ -119,10 +97,12 @@ def test_an_effect_is_weighed_against_what_plays_of_negative_weight_leave_of_the
 def test_an_effect_is_weighed_against_what_a_fit_of_another_frequency_leaves() -> None:
     """The generator gives 7.45 Hz for 8 Hz, so that a fit of two seconds finds little of it."""
     question = Question("2", 3.0, 8.0, dwell=2.0)
-    without, with_it = beside({"frequency_error": FrequencyError(bits=28, clock="1 GHz")}, "off_axis", OffAxis())
+    without, with_it = beside(
+        {"frequency_error": an_effect("frequency_error", bits=28, clock="1 GHz")}, "off_axis", an_effect("off_axis")
+    )
     force, _ = force_and_ratio(without, question)
     assert force < 0.5 * 1.5
-    noise = WhiteNoise(density="10 µV/√Hz")
+    noise = an_effect("white_noise", density="10 µV/√Hz")
     without, with_it = beside(dict(without.effects), "white_noise", noise)
     alone = bounded("white_noise", *beside({}, "white_noise", noise), question)
     bound = bounded("white_noise", without, with_it, question)
@@ -134,7 +114,9 @@ def test_an_effect_is_weighed_against_what_a_fit_of_another_frequency_leaves() -
 def test_a_leak_counts_as_it_is_when_it_is_asked_for() -> None:
     question = Question("2", 3.0, dwell=0.5)
     for amplifier in ("charge_amplifier", "voltage_amplifier"):
-        without, with_it = beside({amplifier: STRONG[amplifier]}, "humidity_leak", HumidityLeak(over="100 s"))
+        without, with_it = beside(
+            {amplifier: STRONG[amplifier]}, "humidity_leak", an_effect("humidity_leak", over="100 s")
+        )
         bound = bounded("humidity_leak", without, with_it, question)
         ((force, ratio),) = changes(without, with_it, question)
         assert 0 < force <= bound.force < 10 * force
@@ -144,7 +126,9 @@ def test_a_leak_counts_as_it_is_when_it_is_asked_for() -> None:
 def test_what_jitter_takes_from_both_sides_alike_is_not_counted_twice() -> None:
     """It comes with the signal: an effect that changes all films alike changes it alike."""
     question = Question("2", 3.0, dwell=0.5)
-    bound = bounded("off_axis", *beside({"jitter": Jitter(delay="1 ms")}, "off_axis", OffAxis()), question)
+    bound = bounded(
+        "off_axis", *beside({"jitter": an_effect("jitter", delay="1 ms")}, "off_axis", an_effect("off_axis")), question
+    )
     assert bound.force == pytest.approx(1 - math.cos(math.radians(10)), rel=1e-9)
     assert bound.ratio < 1e-9
 
@@ -152,8 +136,8 @@ def test_what_jitter_takes_from_both_sides_alike_is_not_counted_twice() -> None:
 def test_no_beginning_of_the_drive_leaves_plays_moved_for_the_next() -> None:
     """A drive that begins beside its zero jumps, and a play with it."""
     question = Question("6", 2.22, 2.0, dwell=0.5)
-    plays = Hysteresis(weights=(0.03, -0.68), radii=("1.668 N", "4.26 N"), path="total")
-    _, scene = beside({"viscoelastic": Viscoelastic(material="soft_tissue")}, "hysteresis", plays)
+    plays = an_effect("hysteresis", weights=(0.03, -0.68), radii=("1.668 N", "4.26 N"), path="total")
+    _, scene = beside({"viscoelastic": an_effect("viscoelastic", material="soft_tissue")}, "hysteresis", plays)
     for start, path in enumerate(begun(driven(scene, question), 4)):
         rig = driven(scene, question)
         rig.set_voltage(replace(rig.coil_voltage(), start_phase=CYCLE * start // 4))
@@ -162,7 +146,10 @@ def test_no_beginning_of_the_drive_leaves_plays_moved_for_the_next() -> None:
 
 def test_small_plays_beside_fast_creep_recur(monkeypatch: pytest.MonkeyPatch) -> None:
     """A play lies a billionth of its radius from being dragged: creep of a nanosecond must not be taken for that."""
-    plays, creep = Hysteresis(weights=(0.4,), radii=("26 mN",), path="total"), Viscoelastic(g=(0.15,), tau=("25 us",))
+    plays, creep = (
+        an_effect("hysteresis", weights=(0.4,), radii=("26 mN",), path="total"),
+        an_effect("viscoelastic", g=(0.15,), tau=("25 us",)),
+    )
     _, scene = beside({"viscoelastic": creep}, "hysteresis", plays)
     question, times = Question("3", 3.8, 51.2005), SECOND + np.arange(0, 100_000_000, 999_983)
     recurring = driven(scene, question).path
@@ -177,8 +164,10 @@ def test_small_plays_beside_fast_creep_recur(monkeypatch: pytest.MonkeyPatch) ->
 def test_plays_are_followed_from_the_beginning_of_a_long_dwell() -> None:
     """A slow drive has not repeated itself as a dwell begins, and its first transitions are long ago at the end."""
     question = Question("2", 3.0, 0.1, dwell=25.0)
-    plays = Hysteresis(weights=(-0.3, 0.2), radii=("0.5 N", "0.05 N"), path="rigid")
-    without, with_it = beside({"charge_amplifier": ChargeAmplifier(time_constant="30 s")}, "hysteresis", plays)
+    plays = an_effect("hysteresis", weights=(-0.3, 0.2), radii=("0.5 N", "0.05 N"), path="rigid")
+    without, with_it = beside(
+        {"charge_amplifier": an_effect("charge_amplifier", time_constant="30 s")}, "hysteresis", plays
+    )
     (change,) = changes(without, with_it, question)
     assert change[1] <= bounded("hysteresis", without, with_it, question).ratio < 1.2 * change[1]
 
@@ -253,7 +242,9 @@ def test_noise_of_a_step_makes_the_bound_of_rounding_fall_with_the_dwell_and_it_
         question = Question("2", 3.0, dwell=dwell)
         for seed in range(10):
             quiet, dithered = scenes("adc", frozenset(), seed, strong=False)
-            noise: dict[str, Effect] = {"white_noise": WhiteNoise(density="14 µV/√Hz")}  # 157 µV, a step is 153
+            noise: dict[str, Effect] = {
+                "white_noise": an_effect("white_noise", density="14 µV/√Hz")
+            }  # 157 µV, a step is 153
             without, with_it = (replace(each, effects={**noise, **each.effects}) for each in (quiet, dithered))
             change, bound = changed(without, with_it, question), bounded("adc", without, with_it, question)
             assert change is not None and change.ratio <= bound.ratio
@@ -290,3 +281,63 @@ def test_where_the_drive_stands_still_there_is_no_bound(number: int) -> None:
     """Half a hertz lies below the generator's step in these random scenes, so that films hold no sine to compare."""
     found = tried(number)
     assert (found.bounds, found.refused) == ([None, None], "")
+
+
+# --- gains within reach ------------------------------------------------------------------------------
+
+GRID = np.linspace(0.1, 1.9, 2001)[:, np.newaxis, np.newaxis]
+
+
+@pytest.fixture
+def both() -> tuple[Side, Side]:
+    """Films before and after, at random, whose gains lie on the grid."""
+    chance = np.random.default_rng(7)
+    passed, added, others, more = chance.normal(size=(4, 5, 8)) + 1j * chance.normal(size=(4, 5, 8))
+    scatter = np.full(8, 0.9)
+    before, after = (SimpleNamespace(passed=p, added=a, scatter=scatter) for p, a in ((passed, added), (others, more)))
+    return cast(Side, before), cast(Side, after)
+
+
+def test_no_gain_within_reach_changes_a_film_more_or_less_than_those_that_are_looked_at(
+    both: tuple[Side, Side],
+) -> None:
+    before, after = both
+
+    def sizes_and_distances(gains: Floats) -> tuple[Floats, Floats]:
+        factors = (gains * after.passed + after.added) / (gains * before.passed + before.added)
+        return np.abs(factors), np.abs(1 - factors)
+
+    (found, far), (sizes, distances) = (sizes_and_distances(gains) for gains in (_gains(before, after), GRID))
+    assert (sizes.max(axis=0) <= found.max(axis=0) * (1 + 1e-12)).all()
+    assert (sizes.min(axis=0) >= found.min(axis=0) * (1 - 1e-12)).all()
+    assert (distances.max(axis=0) <= far.max(axis=0) * (1 + 1e-12)).all()
+
+
+def test_no_gain_within_reach_makes_a_film_smaller_than_its_least_amplitude(both: tuple[Side, Side]) -> None:
+    for side in both:
+        least = np.abs(GRID * side.passed + side.added).min(axis=0)
+        assert (_least(side) <= least * (1 + 1e-12)).all()
+        assert (_least(side) >= least - 0.5 * np.ptp(GRID) / 2000 * np.abs(side.passed)).all()
+
+
+def test_where_a_gain_may_vanish_noise_has_no_bound_but_what_changes_all_films_alike_has_one() -> None:
+    question, scatter = Question("2", 3.0, dwell=0.5), an_effect("gain_scatter", strength=8.0)
+    noise = beside({"gain_scatter": scatter}, "white_noise", an_effect("white_noise"))
+    assert bounded("white_noise", *noise, question) == Bound(math.inf, math.inf)
+    bound = bounded("off_axis", *beside({"gain_scatter": scatter}, "off_axis", an_effect("off_axis")), question)
+    assert bound.force == pytest.approx(1 - math.cos(math.radians(10)), rel=1e-9)
+    assert bound.ratio < 1e-12
+
+
+def test_gains_that_scatter_change_what_passes_them_and_not_what_is_added_behind() -> None:
+    """The cables give a hundred times the films' charge."""
+    question = Question("2", 3.0, dwell=0.5)
+    without, with_it = beside(
+        {"triboelectric": an_effect("triboelectric", charge="1 nC", load="1 N")},
+        "gain_scatter",
+        an_effect("gain_scatter"),
+    )
+    bound = bounded("gain_scatter", without, with_it, question)
+    found = changes(without, with_it, question, phases=8)
+    assert 0 < max(force for force, _ in found) <= bound.force < 0.002
+    assert 0 < max(ratio for _, ratio in found) <= bound.ratio < 0.01

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import scipy
 from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear import path as path_module
-from palpate.simulators.linear.crossing import NEVER, CrossingWatch, Signal
+from palpate.simulators.linear.crossing import NEVER, CrossingWatch
 from palpate.simulators.linear.cycle import Guard, Mode
 from palpate.simulators.linear.lti import StateSpace, first_order_low_pass
 from palpate.simulators.linear.path import Path
@@ -78,31 +77,6 @@ def test_a_dip_of_a_microsecond_in_a_transient_of_minutes_is_found() -> None:
     brute = next(t for t in range(0, 100_000) if value(t) < 0)
     assert value(0) < 0 or 0 < brute < 5000
     assert found == brute
-
-
-def test_a_search_takes_few_steps_where_a_slow_mode_rises_from_below(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside an end stop drive and mode cancel but for a thousandth, and the sum turns down slowly."""
-    steps, stepped = [0], Signal.step
-
-    def counted(self: Signal, *args: Any) -> tuple[float, float]:
-        steps[0] += 1
-        return stepped(self, *args)
-
-    monkeypatch.setattr(Signal, "step", counted)
-    mean, mode, rate = 2.7477695e-3, -1.26e-3, -274.4
-    swing = 2.45e-6 - mean - mode
-    drive = Periodic(
-        mean, 10 * HERTZ, 0, 0, np.array([1]), np.array([complex(swing, math.sqrt(5.7063e-3**2 - swing**2))])
-    )
-    found = failure(
-        StateSpace(np.array([[rate]]), np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1))), drive, np.array([mode])
-    )
-
-    def value(times: Times) -> Floats:
-        return drive.at(times) + mode * np.exp(1e-9 * rate * times)
-
-    assert (value(np.linspace(0, found - 1, 10_000).astype(np.int64)) >= 0).all() and value(np.array([found])) < 0
-    assert steps[0] <= 12
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -309,13 +283,6 @@ def test_thirty_days_of_transitions_are_reached_at_once_and_what_listens_goes_on
     for day, means in mean.items():
         assert means[0] == pytest.approx(x, rel=1e-9 if frequency == 10 * HERTZ else 1e-6)  # begun within a nanosecond
         assert means[1] == pytest.approx(x * -math.expm1(-(day * 86_400 + 10.05) / tau), rel=2e-2 if day == 0 else 1e-5)
-
-
-def test_thirty_days_without_a_transition_take_one_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    count = searches(monkeypatch)
-    path = listening(sine(1.0))
-    path.outputs(np.array([0, DAY, 30 * DAY]), slice(0, 2))
-    assert count[0] == 1
 
 
 @pytest.mark.parametrize("frequency", [0, HERTZ // 1000])

@@ -4,18 +4,9 @@ from __future__ import annotations
 
 from dataclasses import replace
 
-import numpy as np
 import pytest
 
 from palpate.simulators.effects import EFFECTS
-from palpate.simulators.effects.amplifier_clip import AmplifierClip
-from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
-from palpate.simulators.effects.current_limit import CurrentLimit
-from palpate.simulators.effects.end_stops import EndStops
-from palpate.simulators.effects.hysteresis import Hysteresis
-from palpate.simulators.effects.mains_hum import MainsHum
-from palpate.simulators.effects.shaker_dynamics import ShakerDynamics
-from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning import plan as planning
 from palpate.simulators.planning.plan import (
@@ -24,11 +15,10 @@ from palpate.simulators.planning.plan import (
     TRANSITIONS,
     AnswerPlan,
     Question,
-    phasors,
     plan,
 )
 from palpate.simulators.planning.settle import read_scene
-from tests.simulators.rigs import scene
+from tests.simulators.rigs import an_effect, scene
 
 
 def planned(question: Question | None = None, **effects: Effect) -> AnswerPlan:
@@ -45,13 +35,17 @@ def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
 
 # --- the path ------------------------------------------------------------------------------------------
 
-INACTIVE = {"amplifier_clip": AmplifierClip(rail="20 V"), "current_limit": CurrentLimit(), "end_stops": EndStops()}
-PLAYS = Hysteresis(weights=(0.1,), radii=("50 mN",))
-CLIPPED = AmplifierClip(rail="1 V")
+INACTIVE = {
+    "amplifier_clip": an_effect("amplifier_clip", rail="20 V"),
+    "current_limit": an_effect("current_limit"),
+    "end_stops": an_effect("end_stops"),
+}
+PLAYS = an_effect("hysteresis", weights=(0.1,), radii=("50 mN",))
+CLIPPED = an_effect("amplifier_clip", rail="1 V")
 ACTING = {
     "the amplifier clips": {"amplifier_clip": CLIPPED},
-    "the current limit acts": {"current_limit": CurrentLimit(limit="0.3 A")},
-    "the armature meets a stop": {"end_stops": EndStops(travel="1 mm")},
+    "the current limit acts": {"current_limit": an_effect("current_limit", limit="0.3 A")},
+    "the armature meets a stop": {"end_stops": an_effect("end_stops", travel="1 mm")},
     "play operators move": {"hysteresis": PLAYS},
     "play operators move, the amplifier clips": {"hysteresis": PLAYS, "amplifier_clip": CLIPPED},
 }
@@ -60,7 +54,11 @@ ACTING = {
 @pytest.mark.usefixtures("unbounded")
 @pytest.mark.parametrize("steady", [False, True])
 def test_what_is_linear_with_limits_that_stay_inactive_is_known_in_closed_form(steady: bool) -> None:
-    for effects in ({}, INACTIVE, {**INACTIVE, "charge_amplifier": ChargeAmplifier(), "white_noise": WhiteNoise()}):
+    for effects in (
+        {},
+        INACTIVE,
+        {**INACTIVE, "charge_amplifier": an_effect("charge_amplifier"), "white_noise": an_effect("white_noise")},
+    ):
         found = planned(Question(steady=steady), **effects)
         assert (found.path, found.transitions) == (CLOSED_FORM, 0.0)
         assert "it is proven for each limit" in found.why
@@ -85,9 +83,11 @@ def test_a_probe_that_lifts_off_is_gone_through(monkeypatch: pytest.MonkeyPatch)
 def test_plays_that_alone_move_settle_by_their_describing_function_and_beside_a_limit_they_do_not() -> None:
     settled = Question(steady=True)
     assert planned(settled, hysteresis=PLAYS).path == DESCRIBING_FUNCTION
-    assert planned(settled, hysteresis=PLAYS, shaker_dynamics=ShakerDynamics()).path == DESCRIBING_FUNCTION
+    assert planned(settled, hysteresis=PLAYS, shaker_dynamics=an_effect("shaker_dynamics")).path == DESCRIBING_FUNCTION
     assert planned(settled, hysteresis=PLAYS, amplifier_clip=CLIPPED).path == TRANSITIONS
-    assert planned(settled, hysteresis=Hysteresis(weights=(0.1,), radii=("9 N",))).path == CLOSED_FORM  # none moves
+    assert (
+        planned(settled, hysteresis=an_effect("hysteresis", weights=(0.1,), radii=("9 N",))).path == CLOSED_FORM
+    )  # none moves
     assert planned(hysteresis=PLAYS).path == TRANSITIONS  # waveforms have corners
 
 
@@ -103,20 +103,6 @@ def test_only_a_question_of_the_settled_state_is_answered_with_it() -> None:
     assert rigid.phase < 0 == round(total.phase, 12)
 
 
-@pytest.mark.usefixtures("unbounded")
-def test_a_clipped_scene_settles_to_what_a_clipped_sine_is() -> None:
-    """The textbook gives its fundamental, which passes through all that is linear behind it."""
-    found = planned(Question(steady=True), amplifier_clip=AmplifierClip(rail="4 V")).steady
-    free = planned(Question(steady=True)).steady
-    assert found is not None and free is not None
-    rig = planning.driven(scene(), Question())
-    part = 4 / float(np.abs(rig.coil_voltage().amplitude[0]))
-    passed = 2 / np.pi * (np.arcsin(part) + part * np.sqrt(1 - part**2))
-    assert 0.5 < part < 1
-    assert found.force / free.force == pytest.approx(passed, rel=1e-6)
-    assert abs(phasors(rig)[-1]) * 2 == pytest.approx(free.force, rel=1e-12)
-
-
 # --- in and out ----------------------------------------------------------------------------------------
 
 
@@ -130,7 +116,7 @@ def test_every_effect_is_either_in_or_out() -> None:
 
 
 def test_an_effect_that_another_excludes_could_change_nothing_and_one_without_limit_says_so() -> None:
-    with_charge = {each.name: each for each in planned(charge_amplifier=ChargeAmplifier()).omitted}
+    with_charge = {each.name: each for each in planned(charge_amplifier=an_effect("charge_amplifier")).omitted}
     assert (with_charge["voltage_amplifier"].force, with_charge["voltage_amplifier"].ratio) == (0.0, 0.0)
     alone = {each.name: each for each in planned().omitted}
     assert (alone["voltage_amplifier"].ratio or 0.0) > 0.5
@@ -149,13 +135,13 @@ def test_a_film_of_few_steps_without_noise_is_warned_of() -> None:
     (warning,) = planned(SMALL).warnings
     for part in ("film 'rigid'", "is 14 steps", "below 20", "below half a step", "take a larger load, or noise"):
         assert part in warning
-    assert planned(SMALL, white_noise=WhiteNoise(density="10 µV/√Hz")).warnings == ()
-    assert planned(charge_amplifier=ChargeAmplifier()).warnings == ()  # on the finest range
+    assert planned(SMALL, white_noise=an_effect("white_noise", density="10 µV/√Hz")).warnings == ()
+    assert planned(charge_amplifier=an_effect("charge_amplifier")).warnings == ()  # on the finest range
 
 
 @pytest.mark.usefixtures("unbounded")
 def test_films_that_the_converter_cuts_off_are_warned_of_and_those_that_the_widest_range_holds_are_not() -> None:
-    warnings = planned(mains_hum=MainsHum(amplitude="6 V")).warnings
+    warnings = planned(mains_hum=an_effect("mains_hum", amplitude="6 V")).warnings
     assert [warning.partition(":")[0] for warning in warnings] == ["film 'rigid'", "film 'total'"]
     assert "the widest range of the converter, 5 V: points are clipped and not used" in warnings[0]
-    assert planned(mains_hum=MainsHum(amplitude="4 V")).warnings == ()
+    assert planned(mains_hum=an_effect("mains_hum", amplitude="4 V")).warnings == ()

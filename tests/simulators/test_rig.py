@@ -2,10 +2,8 @@
 
 from __future__ import annotations
 
-import gc
 import itertools
 import math
-import weakref
 from dataclasses import dataclass, field, replace
 
 import numpy as np
@@ -14,12 +12,16 @@ import pytest
 import scipy
 
 from palpate.instrument.arrays import Floats
+from palpate.instrument.errors import BenchError
 from palpate.instrument.models import experiment
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import effect_class
 from palpate.simulators.linear.periodic import CYCLE, HERTZ
-from palpate.simulators.rig import Rig
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.rig import SUPPORT_STIFFNESS, Rig
 from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene, share, waveform
 
 Times = npt.NDArray[np.int64]
@@ -191,22 +193,6 @@ def test_the_cell_remembers_the_last_ten_seconds_across_changes() -> None:
     assert len(rig.paths) < 52  # and no more than it has to
 
 
-def test_what_was_before_a_change_is_freed_without_the_garbage_collector() -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("charge_amplifier"), clock)
-    clock.add(rig)
-    pressed(rig, "2", BALANCE + 8e-3, 0.5)
-    chain, path = weakref.ref(rig.chain), weakref.ref(rig.path)
-    gc.disable()
-    try:
-        for number in (1, 2):
-            clock.wait(20.0)  # longer than the cell remembers
-            rig.set_position(BALANCE + 8e-3 + number * 1e-4)
-        assert (chain(), path()) == (None, None)
-    finally:
-        gc.enable()
-
-
 def test_only_a_drive_that_drives_is_a_change() -> None:
     rig = Rig(scene(), VirtualClock())
     nothing = waveform("sine", 0.0, 20 * HERTZ, 0)
@@ -217,3 +203,90 @@ def test_only_a_drive_that_drives_is_a_change() -> None:
         rig.set_voltage(drive)
         changes += 1
         assert rig.changes == changes
+
+
+# --- the force on the sample -------------------------------------------------------------------------
+
+
+def force_over_a_cycle(sample: str, position: float, amplitude: float, kind: str = "sine") -> tuple[Floats, Floats]:
+    """The rig's force, and what it would be without loss of contact."""
+    chosen = scene()
+    rig = Rig(chosen, VirtualClock())
+    pressed(rig, sample, position, amplitude, kind)
+    times = np.arange(0, 100 * MS, 50_021)
+    drive = waveform(kind, amplitude).at(times) * chosen.rig.force_constant / chosen.rig.coil_resistance
+    preload = chosen.rig.suspension_stiffness * (position - BALANCE)
+    return rig.cell_force(times), share(chosen, sample) * (drive + preload)
+
+
+@pytest.mark.parametrize(("kind", "sample"), [("sine", "1"), ("triangle", "2"), ("square", "1")])
+def test_where_contact_is_lost_the_force_is_clipped_at_zero(kind: str, sample: str) -> None:
+    lost = 0
+    for position in np.linspace(BALANCE - 6e-3, BALANCE + 7e-3, 14):
+        force, linear = force_over_a_cycle(sample, float(position), 5.0, kind)
+        assert np.abs(force - np.maximum(linear, 0)).max() < 1e-12 * np.ptp(linear)
+        lost += bool((linear < 0).any() and (linear > 0).any())
+    assert lost > 8
+
+
+# --- the rigid support -------------------------------------------------------------------------------
+
+SUSPENSION = 1000.0  # N/m
+
+
+@pytest.mark.parametrize("sample", ["1", "2", None])
+def test_the_force_is_that_of_suspension_sample_and_support_in_series(sample: str | None) -> None:
+    rig = Rig(scene(), VirtualClock())
+    pad = None if sample is None else SAMPLES[sample]
+    rig.lay_on_support(pad)
+    contact = BALANCE if pad else BALANCE + 3e-3
+    yielding = 1 / SUSPENSION + 1 / SUPPORT_STIFFNESS + (pad.thickness / (pad.modulus * pad.area) if pad else 0.0)
+    now = np.array([0])
+    for advance in (-1e-3, 0.0, 1e-3, 4e-3):
+        rig.set_position(contact + advance)
+        assert rig.cell_force(now)[0] == pytest.approx(max(advance, 0.0) / yielding, abs=1e-12)
+        assert (rig.film_voltages(now) == 0).all()
+
+
+def test_a_sample_on_the_sensor_is_felt_again_after_the_support() -> None:
+    rig = Rig(scene(), VirtualClock())
+    rig.lay_on_support(SAMPLES["1"])
+    rig.mount(SAMPLES["1"])
+    rig.set_position(BALANCE + 2e-3)
+    assert (rig.film_voltages(np.array([0])) > 0).all()
+
+
+def test_nobody_reaches_under_a_lowered_probe(sim: SimulatedBench) -> None:
+    sim.rig.set_position(5e-3)
+    with pytest.raises(BenchError, match="the probe stands at 5 mm: move it home before"):
+        sim.operator.lay_on_support(None)
+
+
+# --- a month later -----------------------------------------------------------------------------------
+
+MONTH = 30 * 86_400
+PRESSED = 2e-3  # m: tissue creeps away from a probe that merely touches it
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", ["noisy_lab", "humid_body", "long_drift"])
+def test_a_second_of_samples_after_30_days_costs_no_more_than_the_changes_before(name: str) -> None:
+    clock, chosen = VirtualClock(), read_scene(name)
+    rig = Rig(chosen, clock)
+    clock.add(rig)
+    pressed(rig, "2", chosen.rig.sensor_position + PRESSED, 1.0)
+    clock.wait(MONTH)
+    assert rig.changes <= 3 + 1000  # of a leak that creeps in by 1000 parts
+    times = MONTH * SECOND + MS * np.arange(1, 1001)
+    whole, pieces = SimulatedSensorNode(clock, 1, 1, rig), SimulatedSensorNode(clock, 1, 1, rig)
+
+    def counts(node: SimulatedSensorNode, some: np.ndarray[tuple[int], np.dtype[np.int64]]) -> bytes:
+        return node.sample(some, node.film_channels @ rig.film_voltages(some, MS), MS).counts.tobytes()
+
+    taken = counts(whole, times)
+    assert b"".join(counts(pieces, times[at : at + 333]) for at in range(0, 1000, 333)) == taken
+    # What is left after a month is the steady state: one sine of the drive's own frequency.
+    films = rig.film_voltages(times, MS)
+    frequency = rig.coil_voltage().frequency / HERTZ
+    phasors = 2 * (films - films.mean(axis=1, keepdims=True)) @ np.exp(-2e-9j * np.pi * frequency * (times - times[0]))
+    assert np.abs(phasors) / len(times) == pytest.approx(np.abs(rig.transfer(frequency)[:-1]), rel=1e-6)
