@@ -8,12 +8,16 @@ from typing import Any
 
 import numpy as np
 
+from palpate.instrument.arrays import Floats
 from palpate.instrument.models import springs
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.effects import effect_class
-from palpate.simulators.linear.periodic import HERTZ, Periodic
+from palpate.simulators.linear.lti import StateSpace, gain
+from palpate.simulators.linear.path import Path
+from palpate.simulators.linear.periodic import HERTZ, Periodic, constant
+from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, Touch
 from palpate.simulators.physics.effect import Effect
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig import Rig
@@ -118,3 +122,31 @@ def together() -> dict[str, Effect]:
         if not set(effect.excludes) & set(chosen):
             chosen[name] = effect
     return chosen
+
+
+NO_PLAYS = Plays(ring=False, radii=(), weights=())
+SHAKER = Armature(4.0, 3.5, 1000.0)  # N/A, ohm, N/m
+TOOTH_AND_TOTAL = np.array(
+    [[1.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0]]
+)  # films: the tooth with the plays, both columns
+
+
+def chain_on(
+    stack: StateSpace,
+    advance: float,
+    volts: float,
+    frequency: int = 10 * HERTZ,
+    *,
+    armature: Armature = SHAKER,
+    limits: Limits | None = None,
+    plays: Plays = NO_PLAYS,
+    films: Floats = TOOTH_AND_TOTAL,
+) -> tuple[MeasuringChain, Path]:
+    """A shaker on a stack and films that give forces in volts, and its path under a sine from rest."""
+    chain = MeasuringChain(
+        armature, limits or Limits(), stack, advance, plays, gain(films), [gain(np.eye(1))] * len(films),
+        np.zeros(len(films)), 0.1, 0.0,
+    )  # fmt: skip
+    drive = waveform("sine", volts, frequency)
+    mode = chain.mode(Touch(contact=(advance >= 0,) * 2, drag=(0,) * chain.plays))
+    return chain, Path((drive, constant(1.0, drive), drive.derivative()), mode, 0, np.zeros(mode.system.order))
