@@ -18,12 +18,10 @@ from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.linear.path import Path
 from palpate.simulators.linear.periodic import HERTZ, SECOND
 from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack
-from palpate.simulators.planning.plan import followed
 from palpate.simulators.rig import Rig
 from tests.simulators.rigs import BALANCE, MS, NO_PLAYS, an_effect, chain_on, pressed, scene
 
 FORCE_CONSTANT, RESISTANCE, SUSPENSION = 4.0, 3.5, 1000.0
-INDUCTANCE, MASS, DAMPING = 1e-4, 0.03, 2.0
 TOOTH, RING = 120.0, 380.0
 
 
@@ -257,23 +255,6 @@ def test_the_probe_meets_the_surface_where_it_has_relaxed_to() -> None:
     assert {(True, True), (False, False)} < set(touches)  # and one column before the other
     compression = path.outputs(np.round(1e9 * grid).astype(np.int64), slice(chain.compression, chain.compression + 1))
     assert (found.sum(axis=0)[compression[0] > 0] == 0).any()
-
-
-def test_what_recurs_is_what_is_followed_and_what_is_called_settled() -> None:
-    """A scene that loses contact with a sample that creeps."""
-    chosen = dataclasses.replace(scene(), effects={"viscoelastic": an_effect("viscoelastic")})
-    rig = Rig(chosen, VirtualClock())
-    pressed(rig, "2", BALANCE + 2e-3, 5.0)
-    times = 20 * SECOND + np.arange(1000) * MS
-    force = rig.cell_force(times)
-    assert force.min() == 0.0
-    path = rig.path
-    assert path.cycle is not None
-    late = path.cycle.start_ns // (100 * MS) * 100 * MS
-    again = rig.cell_force(late + np.arange(100, 200) * MS)
-    assert np.abs(again - force[:100]).max() < 1e-10 * force.max()
-    turns = np.exp(-2j * np.pi * 10 * 1e-3 * np.arange(1000))
-    assert abs(followed(rig)[-1]) == pytest.approx(abs(2 * (force * turns).mean()), rel=1e-3)
 
 
 def test_a_sample_is_mounted_fresh_whatever_the_last_one_has_crept() -> None:

@@ -51,13 +51,6 @@ def life(pieces: list[float]) -> tuple[list[tuple[str, int]], int]:
     return log, clock.now_ns()
 
 
-@pytest.mark.parametrize(
-    "pieces", [[0.5, 0.5], [0.001] * 1000, [0.21, 0.0, 0.79], [0.3333, 0.3333, 0.3334], [1e-9, 0.999999999]]
-)
-def test_a_wait_cut_into_pieces_gives_the_same_events_and_the_same_end(pieces: list[float]) -> None:
-    assert life(pieces) == life([1.0])
-
-
 def test_events_come_in_order_and_those_of_one_moment_in_the_order_of_adding() -> None:
     log, now = life([1.0])
     assert now == SECOND

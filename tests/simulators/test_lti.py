@@ -29,46 +29,6 @@ def in_blocks(times: Times, size: int) -> list[Times]:
 # --- the closed form against stepping ------------------------------------------------------------------
 
 
-def stepped(system: StateSpace, drive: Periodic, x0: Floats, step_ns: int, count: int) -> Floats:
-    """Outputs at `count` steps after the drive's start.
-
-    The matrix exponential of the system together with the oscillators that drive it: exact for any step.
-    """
-    s, k = system.order, len(drive.order)
-    augmented = np.zeros((s + 2 * k + 1,) * 2)
-    augmented[:s, :s] = system.a
-    augmented[:s, -1] = system.b[:, 0] * drive.mean
-    z0 = np.zeros(len(augmented))
-    z0[:s], z0[-1] = x0, 1.0
-    start = np.exp(2j * np.pi * drive.order * drive.start_phase / CYCLE) * drive.amplitude
-    for i in range(k):
-        w, at = 2 * np.pi / HERTZ * drive.frequency * drive.order[i], s + 2 * i
-        augmented[at : at + 2, at : at + 2] = [[0, -w], [w, 0]]
-        augmented[:s, at] = system.b[:, 0]
-        z0[at : at + 2] = start[i].real, start[i].imag
-    propagator = scipy.linalg.expm(augmented * 1e-9 * step_ns)
-    outputs = np.empty(count)
-    for n in range(count):
-        z0 = propagator @ z0
-        outputs[n] = system.c[0] @ z0[:s] + system.d[0, 0] * (drive.mean + z0[s:-1:2].sum())
-    return outputs
-
-
-@pytest.mark.parametrize("tau", [1e-6, 1e-3, 1.0, 1e4])
-@pytest.mark.parametrize("make", [first_order_high_pass, first_order_low_pass])
-@pytest.mark.parametrize("harmonics", [1, 13])
-def test_a_first_order_closed_form_equals_exact_stepping(tau: float, make: type, harmonics: int) -> None:
-    system, drive, x0, step = make(tau), rich(harmonics), np.array([2.0]), 1_000_003
-    times = drive.start_ns + step * np.arange(1, 1501)
-    assert np.abs(output(system, drive, x0, times) - stepped(system, drive, x0, step, 1500)).max() < 1e-10
-
-
-def test_a_ringing_second_order_closed_form_equals_exact_stepping() -> None:
-    drive, x0, step = rich(5), np.array([0.5, -3.0]), 500_009
-    times = drive.start_ns + step * np.arange(1, 4001)
-    assert np.abs(output(SUSPENDED, drive, x0, times) - stepped(SUSPENDED, drive, x0, step, 4000)).max() < 1e-9
-
-
 def test_at_0_hz_the_state_settles_to_a_constant() -> None:
     held = Periodic(1.0, 0, 0, CYCLE // 4, np.array([1]), np.array([-2j]))  # 1 + 2 sin(90 degrees)
     low = output(first_order_low_pass(0.1), held, np.zeros(1), np.array([0, 10 * SECOND]))

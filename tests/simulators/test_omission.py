@@ -37,18 +37,10 @@ def scenes(name: str, others: frozenset[str], seed: int, strong: bool) -> tuple[
     return beside({each: STRONG[each] for each in others}, name, effect, seed)
 
 
-def changed(without: Scene, with_it: Scene, question: Question) -> Bound | None:
-    """What an effect really changes in force and ratio."""
-    (force, ratio), (more_force, more_ratio) = (force_and_ratio(each, question) for each in (without, with_it))
-    if not (force > 0 and ratio > 0):
-        return None  # a coarse converter may see nothing at all
-    return Bound(abs(more_force / force - 1), abs(more_ratio / ratio - 1))
-
-
 # --- random scenes with random parameters ---------------------------------------------------------------
 
 QUICK = (1, 4, 14, 20, 23, 27, 46)  # scenes without plays and leaks, the last of an array
-# Scenes whose bounds were once too small.
+# Scenes whose bounds were once too small, of other classes than below.
 ONCE_BROKEN = (
     *(49, 77, 101, 117, 195, 433, 1061, 1102, 1455, 4991, 8195, 23645, 38054, 49411, 54764, 62073, 73837, 75142),
     91953,
@@ -61,11 +53,6 @@ def test_the_bound_of_an_effect_holds_in_random_scenes() -> None:
     assert sum(None not in each.bounds for each in found) == len(QUICK)
     assert not [each for each in found if each.broken()]
     assert len(drawn(QUICK[-1]).without.design.teeth) > 1
-
-
-@pytest.mark.slow
-def test_bounds_that_were_once_too_small_hold() -> None:
-    assert not [each for each in map(tried, ONCE_BROKEN) if each.broken()]
 
 
 @pytest.mark.slow
@@ -188,6 +175,7 @@ def test_plays_are_followed_from_the_beginning_of_a_long_dwell() -> None:
         pytest.param(19593, id="every fifth even phase has its samples at the same places"),
         pytest.param(22900, id="round-off of a great change"),
         pytest.param(40428, id="round-off of a great drift"),
+        *(pytest.param(number, marks=pytest.mark.slow) for number in ONCE_BROKEN),
     ],
 )
 def test_a_bound_of_a_class_that_was_once_too_small_holds(number: int) -> None:
@@ -231,8 +219,8 @@ def test_a_leak_that_changes_is_followed_as_closely_as_the_bench_does() -> None:
 def test_no_bound_of_a_converter_is_given_where_warming_drives_a_film_to_its_rail() -> None:
     question = Question("1", 2.0, 2.0, dwell=0.5)
     without, with_it = scenes("adc", frozenset({"pyroelectric"}), 0, strong=False)
-    change = changed(without, with_it, question)
-    assert change is not None and change.force > 0.4
+    ((force, _),) = changes(without, with_it, question)
+    assert force > 0.4
     assert bounded("adc", without, with_it, question) == Bound(math.inf, math.inf)
 
 
@@ -246,8 +234,8 @@ def test_noise_of_a_step_makes_the_bound_of_rounding_fall_with_the_dwell_and_it_
                 "white_noise": an_effect("white_noise", density="14 µV/√Hz")
             }  # 157 µV, a step is 153
             without, with_it = (replace(each, effects={**noise, **each.effects}) for each in (quiet, dithered))
-            change, bound = changed(without, with_it, question), bounded("adc", without, with_it, question)
-            assert change is not None and change.ratio <= bound.ratio
+            ((_, ratio),), bound = changes(without, with_it, question), bounded("adc", without, with_it, question)
+            assert ratio <= bound.ratio
         bounds[dwell] = bound.ratio, bounded("adc", quiet, dithered, question).ratio
     assert bounds[2.0][0] < 0.55 * bounds[0.5][0]
     assert bounds[2.0][0] < 0.35 * bounds[2.0][1]
@@ -258,8 +246,8 @@ def test_films_of_unlike_phase_are_fitted_unlike_by_a_frequency_that_is_not_thei
     """A voltage amplifier gives them unlike phases, and the record is a single cycle."""
     question = Question("1", 2.0, 2.0, dwell=0.5)
     without, with_it = scenes("frequency_error", frozenset({"voltage_amplifier"}), 0, strong=True)
-    change, bound = changed(without, with_it, question), bounded("frequency_error", without, with_it, question)
-    assert change is not None and 0.01 < change.ratio < bound.ratio < 0.1
+    ((_, ratio),), bound = changes(without, with_it, question), bounded("frequency_error", without, with_it, question)
+    assert 0.01 < ratio < bound.ratio < 0.1
 
 
 def test_beside_a_limit_that_acts_no_bound_is_given() -> None:
@@ -267,8 +255,8 @@ def test_beside_a_limit_that_acts_no_bound_is_given() -> None:
     question = Question("1", 2.0, 2.0)
     without, with_it = scenes("pink_noise", frozenset({"amplifier_clip"}), 0, strong=True)
     assert bounded("pink_noise", without, with_it, question) == Bound(math.inf, math.inf)
-    change = changed(without, with_it, question)
-    assert change is not None and change.force > 1e-4 and change.ratio > 1e-3
+    ((force, ratio),) = changes(without, with_it, question)
+    assert force > 1e-4 and ratio > 1e-3
 
 
 def test_poles_that_repeat_in_every_film_recur() -> None:

@@ -145,26 +145,6 @@ def test_the_bridge_filter_equals_stepping_when_load_and_filter_change() -> None
 # --- looking does not change anything ------------------------------------------------------------------
 
 
-def seen(pieces: int, *, looking: bool) -> tuple[bytes, float]:
-    """The films after a life with changes at fixed times, waited for in pieces."""
-    clock = VirtualClock()
-    rig = Rig(scene("charge_amplifier", "gain_scatter"), clock)
-    pressed(rig, "5", BALANCE + 3e-3, 1.0)
-    for amplitude in (0.5, 2.0, 1.5):
-        for _ in range(pieces):
-            clock.wait(0.42 / pieces)
-            if looking:
-                rig.film_voltages(np.array([clock.now_ns()]))
-                rig.filtered_cell_force(clock.now_ns())
-                rig.cell_force(clock.now_ns() - np.arange(0, SECOND, 100 * MS))
-        rig.set_voltage(waveform("sine", amplitude))
-    return rig.film_voltages(clock.now_ns() + np.arange(500) * MS).tobytes(), rig.filtered_cell_force(clock.now_ns())
-
-
-def test_a_wait_cut_into_pieces_with_looks_in_between_gives_the_same_state() -> None:
-    assert seen(1, looking=False) == seen(7, looking=True) == seen(420, looking=False)
-
-
 def test_a_second_change_at_the_same_moment_replaces_the_first() -> None:
     rigs = [Rig(scene("charge_amplifier", "gain_scatter"), VirtualClock()) for _ in range(2)]
     for rig, amplitudes in zip(rigs, ((2.0,), (5.0, 0.1, 2.0)), strict=True):

@@ -113,14 +113,6 @@ def test_gains_are_drawn_for_each_set_or_for_each_mounting() -> None:
     assert len(set(by_mounting[:, 0].round(9))) == 4
 
 
-def test_what_a_mounting_draws_moves_no_gain_that_a_set_draws() -> None:
-    scatter = an_effect("gain_scatter")
-    alone, together = (
-        gains(bench(*effects), "2", 3)[:, 1] for effects in ((scatter,), (scatter, an_effect("mounting_scatter")))
-    )
-    assert together == pytest.approx(alone, rel=1e-12)
-
-
 def test_teeth_that_would_take_more_than_the_whole_force_are_refused() -> None:
     rig = bench(an_effect("curve_error", constant=2.0), an_effect("mounting_scatter"))
     with pytest.raises(RangeError, match=r"sample '6' .* by curve_error, mounting_scatter, which is not below 1"):
