@@ -160,7 +160,7 @@ def test_what_has_come_is_answered_though_the_server_had_no_turn_meanwhile(sim: 
     with socket.create_connection((address.host, address.port), timeout=10) as client:
         client.sendall(READ)
         assert client.recv(64)
-        sim.servers.loop.at(0.0, turn.wait)  # another program has the processor
+        sim.servers.loop.at(0.0, lambda: turn.wait(5.0))  # another program has the processor
         client.sendall(READ)
         assert client.recv(64)
         before = sim.servers.transactions
