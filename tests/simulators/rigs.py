@@ -115,20 +115,10 @@ STRONG: dict[str, Effect] = {
 }
 
 
-def together() -> dict[str, Effect]:
-    """As many effects as go together; of those that exclude each other, the first."""
-    chosen: dict[str, Effect] = {}
-    for name, effect in STRONG.items():
-        if not set(effect.excludes) & set(chosen):
-            chosen[name] = effect
-    return chosen
-
-
 NO_PLAYS = Plays(ring=False, radii=(), weights=())
 SHAKER = Armature(4.0, 3.5, 1000.0)  # N/A, ohm, N/m
-TOOTH_AND_TOTAL = np.array(
-    [[1.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0]]
-)  # films: the tooth with the plays, both columns
+# Films: the tooth with the plays, and both columns.
+TOOTH_AND_TOTAL = np.array([[1.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0]])
 
 
 def chain_on(

@@ -18,7 +18,7 @@ from palpate.simulators.physics.effect import Case, Effect, InputEffect
 from palpate.simulators.planning.plan import Question, case_of
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig import Rig
-from tests.simulators.rigs import BALANCE, MS, SECOND, an_effect, pressed, scene
+from tests.simulators.rigs import MS, SECOND, an_effect, scene, shaken
 
 MONTH = 30 * 86_400 * SECOND
 STRONG: dict[str, InputEffect] = {
@@ -112,12 +112,10 @@ def test_1_f_noise_is_independent_between_streams_and_follows_the_seed() -> None
 # --- jitter --------------------------------------------------------------------------------------------
 
 
-def node_on(effects: dict[str, Effect], seed: int = 1) -> tuple[Rig, SimulatedSensorNode]:
+def node_on(effects: dict[str, Effect]) -> tuple[Rig, SimulatedSensorNode]:
     """A node under a sample that is pressed and shaken."""
-    clock = VirtualClock()
-    rig = Rig(replace(scene(), effects=effects, seed=seed), clock)
-    pressed(rig, "2", BALANCE + 7e-3, 4.0)
-    return rig, SimulatedSensorNode(clock, 1, 1, rig)
+    rig = shaken(effects, amplitude=4.0)
+    return rig, SimulatedSensorNode(rig.clock, 1, 1, rig)
 
 
 def test_a_jittered_sample_is_that_of_a_moment_earlier_or_later() -> None:
@@ -135,15 +133,14 @@ def test_a_jittered_sample_is_that_of_a_moment_earlier_or_later() -> None:
 
 
 def test_jitter_of_a_node_follows_the_rate_of_each_channel() -> None:
-    for name, fast in (("still", False), ("shaken", True)):
+    for size in (0.0, 1.0):
         rig, node = node_on({"jitter": an_effect("jitter", delay="1 ms")})
-        if not fast:
-            rig.set_voltage(rig.coil_voltage().scaled(0.0))
+        rig.set_voltage(rig.coil_voltage().scaled(size))
         times = 4 * MS * np.arange(1, 500)
         clean = node.film_channels @ rig.film_voltages(times)
         taken = node.sample(times, clean, 4 * MS)
         moved = taken.counts - np.rint(clean.T / 5 * 32768)
-        assert (np.abs(moved[:, 1]).max() > 10) == fast, name
+        assert (np.abs(moved[:, 1]).max() > 10) == (size > 0)
         assert not moved[:, 2:].any()
 
 
