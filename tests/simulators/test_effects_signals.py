@@ -2,25 +2,28 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import replace
+from fractions import Fraction
 
 import numpy as np
 import pytest
 import scipy
 
-from palpate.instrument.arrays import Floats
+from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.models import springs
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.designs import MOST, array_of
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.simulators.clock import NEVER
+from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import humidity_leak
 from palpate.simulators.effects.viscoelastic import PRONY
 from palpate.simulators.linear.periodic import HERTZ
-from palpate.simulators.physics.effect import Effect
+from palpate.simulators.physics.effect import Effect, InputEffect
 from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.plan import driven as measured
 from palpate.simulators.planning.plan import phasors as settled
@@ -385,3 +388,157 @@ def test_the_default_hysteresis_raises_the_ratio_by_about_a_percent() -> None:
 def test_the_default_rubber_raises_the_ratio_of_its_slow_modulus_by_13_to_16_percent() -> None:
     raised = ratio_raised({"viscoelastic": an_effect("viscoelastic")})
     assert 0.13 < min(raised) < max(raised) < 0.165
+
+
+# --- what happens to the samples ---------------------------------------------------------------------
+
+MONTH = 30 * 86_400 * SECOND
+STRONG: dict[str, InputEffect] = {
+    "mains_hum": an_effect("mains_hum", amplitude="20 mV", frequency="49.87 Hz", phase=0.3),
+    "pink_noise": an_effect("pink_noise", density="20 µV/√Hz"),
+    "white_noise": an_effect("white_noise", density="20 µV/√Hz"),
+    "jitter": an_effect("jitter", delay="1 ms"),
+}
+
+
+def rates(time_ns: Times) -> Floats:
+    """Rates of some signal [V/s]."""
+    return np.asarray(np.cos(1e-9 * (time_ns % SECOND)))
+
+
+def volts(effect: InputEffect, time_ns: Times, period_ns: int = MS, name: object = "a") -> Floats:
+    return effect.volts(Stream(1, name), time_ns, period_ns, lambda: rates(time_ns))
+
+
+# --- at any time, in any blocks ------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("name", "start_ns"), [*zip(STRONG, itertools.cycle([MONTH, 0]))])
+def test_blocks_of_any_size_join_to_the_same_bytes_from_the_start_and_after_30_days(name: str, start_ns: int) -> None:
+    times = start_ns + MS * np.arange(2500)
+    whole = volts(STRONG[name], times).tobytes()
+    assert len(set(whole)) > 20
+    for size in (1, 7, 333, 1000):
+        blocks = (times[i : i + size] for i in range(0, len(times) if size > 1 else 300, size))
+        assert whole.startswith(b"".join(volts(STRONG[name], block).tobytes() for block in blocks)), size
+
+
+# --- hum -----------------------------------------------------------------------------------------------
+
+
+def test_hum_keeps_its_phase_exactly_for_30_days() -> None:
+    hum = an_effect("mains_hum", amplitude="1 V", frequency="49.987654321 Hz", phase=0.125)
+    times = MONTH + MS * np.arange(1500)
+    exact = [Fraction(49_987_654_321, 10**9) * int(t) / 10**9 + Fraction(1, 8) for t in times]
+    assert volts(hum, times) == pytest.approx([math.sin(2 * math.pi * float(turns % 1)) for turns in exact], abs=1e-14)
+
+
+@pytest.mark.parametrize("frequency", ["50 Hz", "49.97 Hz", "49.9999 Hz"])  # repeats after 20, 100 000, ... samples
+def test_hum_is_the_sine_of_its_phase_wherever_it_is_begun(frequency: str) -> None:
+    hum, stream = an_effect("mains_hum", amplitude="1 V", frequency=frequency, phase=0.2), Stream(1, "hum")
+    for first, count in ((3, 100), (20_007, 5000), (11, 7)):
+        number = np.arange(first, first + count)
+        sought = np.sin(2 * np.pi * (float(frequency.split()[0]) * 1e-3 * number + 0.2))
+        assert hum.volts(stream, MS * number, MS, lambda: np.zeros(0)) == pytest.approx(sought, abs=1e-9)
+
+
+# --- 1/f noise -----------------------------------------------------------------------------------------
+
+
+def spectrum(noise: InputEffect, period_ns: int, size: int, records: int) -> tuple[Floats, Floats]:
+    """One-sided power density [V2/Hz] over frequency [Hz], the mean of independent records."""
+    window = np.hanning(size)
+    power = np.zeros(size // 2 + 1)
+    for number in range(records):
+        record = volts(noise, period_ns * np.arange(size), period_ns, number)
+        power += np.abs(np.fft.rfft(window * (record - record.mean()))) ** 2
+    scale = 2 * period_ns * 1e-9 / (records * (window**2).sum())
+    return np.fft.rfftfreq(size, 1e-9 * period_ns), scale * power
+
+
+def test_1_f_noise_has_its_density_at_the_corner_and_falls_as_1_f_over_four_decades() -> None:
+    records, bands, seen, freedom = 12, [], [], []
+    for period_ns, edges in ((MS, np.geomspace(1, 100, 9)), (100 * MS, np.geomspace(0.01, 1, 9))):
+        frequency, power = spectrum(
+            an_effect("pink_noise", density="3 µV/√Hz", corner="10 Hz"), period_ns, 2**14, records
+        )
+        for low, high in itertools.pairwise(edges):
+            inside = (frequency >= low) & (frequency < high)
+            bands.append(math.sqrt(low * high))
+            seen.append(float((power * frequency)[inside].mean() / (9e-12 * 10)))
+            freedom.append(records * inside.sum() / 1.5)  # the window joins neighbouring lines
+    assert (np.abs(np.array(seen) - 1) < 0.06 + 3 / np.sqrt(freedom)).all()
+    assert np.average(seen, weights=freedom) == pytest.approx(1, abs=0.03)
+    slope = np.polyfit(np.log(bands), np.log(np.array(seen) / np.array(bands)), 1, w=np.sqrt(freedom))[0]
+    assert slope == pytest.approx(-1, abs=0.02)
+
+
+def test_1_f_noise_is_independent_between_streams_and_follows_the_seed() -> None:
+    times = SECOND * np.arange(4000)
+    one, other = (volts(an_effect("pink_noise"), times, SECOND, name) for name in ("a", "b"))
+    steps = np.corrcoef(np.diff(one), np.diff(other))[0, 1]
+    assert abs(steps) < 4.5 / math.sqrt(4000)
+    assert volts(an_effect("pink_noise"), times, SECOND, "a").tobytes() == one.tobytes() != other.tobytes()
+
+
+# --- jitter --------------------------------------------------------------------------------------------
+
+
+def node_on(effects: dict[str, Effect]) -> tuple[Rig, SimulatedSensorNode]:
+    """A node under a sample that is pressed and shaken."""
+    rig = shaken(effects, amplitude=4.0)
+    return rig, SimulatedSensorNode(rig.clock, 1, 1, rig)
+
+
+def test_a_jittered_sample_is_that_of_a_moment_earlier_or_later() -> None:
+    rig, _ = node_on({"charge_amplifier": an_effect("charge_amplifier")})
+    times = 4 * MS * np.arange(1, 500)
+    film = rig.film_rates(times)[1]
+    stream = Stream(1, "a")
+    delays = np.rint(1e9 * 10e-6 * stream.normal(1, len(times))).astype(np.int64)
+    moved = rig.film_voltages(times + delays)[1] - rig.film_voltages(times)[1]
+    added = an_effect("jitter", delay="10 µs").volts(stream, times, 4 * MS, lambda: film)
+    bend = 20 * np.pi * np.abs(film).max()  # V/s2
+    rounded = 1e-9 * np.abs(film).max()  # of the delays
+    assert added == pytest.approx(moved, abs=bend * (1e-9 * np.abs(delays).max()) ** 2 / 2 + rounded)
+    assert np.abs(added).max() > 500 * np.abs(added - moved).max()
+
+
+def test_jitter_of_a_node_follows_the_rate_of_each_channel() -> None:
+    for size in (0.0, 1.0):
+        rig, node = node_on({"jitter": an_effect("jitter", delay="1 ms")})
+        rig.set_voltage(rig.coil_voltage().scaled(size))
+        times = 4 * MS * np.arange(1, 500)
+        clean = node.film_channels @ rig.film_voltages(times)
+        taken = node.sample(times, clean, 4 * MS)
+        moved = taken.counts - np.rint(clean.T / 5 * 32768)
+        assert (np.abs(moved[:, 1]).max() > 10) == (size > 0)
+        assert not moved[:, 2:].any()
+
+
+# --- the converter -------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("effects", [{}, {"adc": an_effect("adc")}, {"adc": an_effect("adc", bits=8)}])
+def test_a_sample_that_is_no_number_or_endless_is_flagged_and_spreads_to_no_other(effects: dict[str, Effect]) -> None:
+    _, node = node_on(effects)
+    times = MS * np.arange(1, 6)
+    films = np.zeros((4, 5))
+    films[0, 1], films[1, 2], films[2, 3], films[3, 4] = np.nan, np.inf, -np.inf, 1.0
+    taken = node.sample(times, films, MS)
+    assert taken.saturation.tolist() == [0, 1, 2, 4, 0]
+    assert taken.counts[1].tolist() == [0, 0, 0, 0]
+    assert taken.counts[2, 1] > 32_000 and taken.counts[3, 2] == -32768
+    assert np.count_nonzero(taken.counts) == 3
+
+
+@pytest.mark.parametrize(
+    ("volts", "cast", "counts"),
+    [(0.0, 0, 0), (1e-300, 0, 0), (-5.0, -32_768, -32_768), (5.0, -32_768, 32_767), (6.0, -26_214, 32_767)],
+)
+def test_nothing_and_full_scale_are_converted_where_a_cast_turns_round(volts: float, cast: int, counts: int) -> None:
+    assert np.array(round(volts / 5.0 * 2**15)).astype(np.int16) == cast
+    node = SimulatedSensorNode(VirtualClock(), 1, 1, Rig(scene(), VirtualClock()))
+    samples = node.sample(np.arange(1, 4) * MS, np.full((4, 3), volts), MS)
+    assert (samples.counts == counts).all()
+    assert (samples.saturation == (0b1111 if volts >= 5.0 else 0)).all()

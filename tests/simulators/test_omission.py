@@ -13,18 +13,18 @@ import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats
-from palpate.simulators.bounds import Side, _gains, _least, sides
+from palpate.simulators.bounds import Side, _gains, _least, bound_of, fitted, sides
 from palpate.simulators.linear import path as path_module
-from palpate.simulators.linear.periodic import CYCLE, SECOND
+from palpate.simulators.linear.periodic import CYCLE
 from palpate.simulators.physics.dwells import begun, touched
-from palpate.simulators.physics.effect import Bound, Effect, Effects
+from palpate.simulators.physics.effect import Bound, Case, Effect, Effects
 from palpate.simulators.planning.plan import Question, case_of, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from tests.benchmarks.bounds import rows, tried
 from tests.simulators.measured import beside, bounded, changes, followed, force_and_ratio
 from tests.simulators.random_scenes import drawn
-from tests.simulators.rigs import STRONG, an_effect
+from tests.simulators.rigs import SECOND, STRONG, an_effect, scene
 
 # PALPATE_EXAMPLES=1000: so many random scenes in place of the same few; `python -m tests.benchmarks bounds` keeps what
 # it has done.
@@ -329,3 +329,71 @@ def test_gains_that_scatter_change_what_passes_them_and_not_what_is_added_behind
     found = changes(without, with_it, question, phases=8)
     assert 0 < max(force for force, _ in found) <= bound.force < 0.002
     assert 0 < max(ratio for _, ratio in found) <= bound.ratio < 0.01
+
+
+# --- what a bound is made of -------------------------------------------------------------------------
+
+
+def amplified() -> Case:
+    """A measurement behind charge amplifiers."""
+    amplifier: dict[str, Effect] = {"charge_amplifier": an_effect("charge_amplifier", time_constant="0.05 s")}
+    return case_of(scene().design, scene().model, amplifier, Question())
+
+
+def test_what_cannot_change_anything_is_bounded_by_round_off() -> None:
+    case = amplified()
+    for effect in (
+        an_effect("white_noise", density="0 V/√Hz"),
+        an_effect("pink_noise", density="0 V/√Hz"),
+        an_effect("mains_hum", amplitude="0 V"),
+        an_effect("jitter", delay="0 s"),
+    ):
+        found = bound_of(case, effect)
+        assert max(found.force, found.ratio) < 10 * np.finfo(float).eps
+
+
+def test_a_film_that_gives_hardly_anything_leaves_no_bound_of_the_ratio() -> None:
+    chosen = scene()
+    case = case_of(chosen.design, chosen.model, {"glue_clamping": an_effect("glue_clamping", factor=1e-6)}, Question())
+    noise = an_effect("white_noise", density="20 µV/√Hz")
+    beside = replace(case, effects={**case.effects, "pink_noise": an_effect("pink_noise")})
+    assert bound_of(beside, noise).ratio == math.inf
+    assert bound_of(beside, noise).force < 0.01
+
+
+def test_the_bound_of_the_ratio_is_that_of_a_tooth_too_loud_over_a_base_too_quiet() -> None:
+    case = case_of(scene().design, scene().model, {}, Question())
+    rigid, total = (bound_of(case, an_effect("white_noise", density=f"{density} V/√Hz")) for density in (1e-6, 1e-5))
+    quiet = bound_of(case, an_effect("glue_clamping", factor=0.5, films=("total",)))
+    assert quiet.ratio == pytest.approx(1.0) and quiet.force == pytest.approx(0.5)
+    assert total.ratio > 10 * rigid.ratio > 10 * rigid.force
+
+
+def test_a_bound_grows_with_what_the_other_effects_take_from_the_signal() -> None:
+    case = amplified()
+    noise = an_effect("white_noise")
+    for other in (
+        {"gain_scatter": an_effect("gain_scatter")},
+        {"mains_hum": an_effect("mains_hum", amplitude="10 mV", frequency="17.3 Hz")},
+        {"charge_amplifier": an_effect("charge_amplifier", time_constant="5 ms")},
+        {"adc": an_effect("adc")},
+    ):
+        beside: dict[str, Effect] = {**case.effects, **other}
+        assert bound_of(replace(case, effects=beside), noise).ratio > 1.01 * bound_of(case, noise).ratio, other
+
+
+def test_beside_a_converter_the_least_noise_can_change_both_results_by_its_rounding() -> None:
+    case = amplified()
+    beside = replace(case, effects={**case.effects, "adc": an_effect("adc")})
+    step, amplitude = 10 / 2**16, abs(fitted(case, case.follow(case.effects).volts(linear=True))[:, 1]).min()
+    bound = bound_of(beside, an_effect("mains_hum", amplitude="1 nV")).force
+    assert 0.02 * step / amplitude < bound < 4 / math.pi * step / amplitude
+
+
+def test_a_bound_is_that_of_the_worst_phase() -> None:
+    """A tone of the drive's own frequency adds all of itself."""
+    chosen = replace(scene(), effects={})
+    case = case_of(chosen.design, chosen.model, {}, Question())
+    total = chosen.design.film("total").sensitivity * Question().load / 2
+    hum = an_effect("mains_hum", amplitude="1 mV", frequency="10 Hz")
+    assert bound_of(case, hum).force == pytest.approx(1e-3 / total, rel=0.01)

@@ -1,4 +1,4 @@
-"""Scene files: what is right is read, what is wrong is named, and what is absent is never imported."""
+"""Scene files: what is right is read, and what is wrong is named."""
 
 from __future__ import annotations
 
