@@ -72,12 +72,10 @@ def test_a_wait_is_rounded_to_the_nearest_nanosecond(duration: float, expected: 
 
 
 def test_ten_thousand_short_waits_are_one_long_one() -> None:
-    clock, summed = VirtualClock(), 0.0
+    clock = VirtualClock()
     for _ in range(10_000):
         clock.wait(1e-4)
-        summed += 1e-4
     assert clock.now_ns() == SECOND
-    assert summed != 1.0
 
 
 @pytest.mark.parametrize("duration", [-1e-9, -1.0, float("nan"), float("inf"), -float("inf")])

@@ -30,7 +30,7 @@ from palpate.simulators.randomness import Stream
 from palpate.simulators.rig import Rig
 from tests.shares import first_of
 from tests.simulators.measured import volts
-from tests.simulators.rigs import BALANCE, MS, SECOND, STRONG, an_effect, pressed, scene
+from tests.simulators.rigs import BALANCE, MS, SECOND, STRONG, an_effect, pressed, scene, shaken
 
 SIMULATORS = Path(__file__).parents[2] / "simulators"
 
@@ -39,9 +39,8 @@ def seen(
     effects: Mapping[str, Effect], seed: int = 1, node_id: int = 1, design: str = "single", count: int = 1000
 ) -> tuple[bytes, list[float]]:
     """Some samples a millisecond apart with their flags, and the indicator's readings, after two load sets."""
-    clock = VirtualClock()
-    rig = Rig(replace(scene(), effects=effects, seed=seed, design=get_design(design)), clock)
-    pressed(rig, "2", BALANCE + 7e-3, 1.0)
+    rig = shaken(effects, amplitude=1.0, design=design, seed=seed)
+    clock = rig.clock
     clock.wait(0.3)
     pressed(rig, "2", BALANCE + 7e-3, 2.0)
     node = SimulatedSensorNode(clock, node_id, 1, rig)
