@@ -11,10 +11,6 @@ import json
 import pickle
 import random
 import shutil
-import socket
-import subprocess
-import sys
-import threading
 from collections import Counter
 from collections.abc import Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -33,6 +29,7 @@ from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses
 from palpate.simulators.planning.settle import read_scene
+from tests.served_kills import attended, forking
 
 QUICK = ("--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s")
 COMMANDS = {
@@ -178,35 +175,13 @@ class Commands:
         with ExitStack() as stack:
             if self._served is not None:
                 self._path = str(self.folder / "clock")
-                listener = stack.enter_context(socket.socket(socket.AF_UNIX))
-                listener.bind(self._path)
-                listener.listen()
-                thread = threading.Thread(target=self._attend, args=(listener,), name="clock of the bench", daemon=True)
-                thread.start()
-                stack.callback(thread.join)
-                stack.callback(listener.shutdown, socket.SHUT_RDWR)
-            pipe = subprocess.PIPE
-            self._forks = stack.enter_context(
-                subprocess.Popen([sys.executable, "-c", FORKS], stdin=pipe, stdout=pipe, stderr=None, text=True)
-            )
-            assert self._forks.stdin is not None
-            stack.callback(self._forks.stdin.close)
+                stack.enter_context(attended(self._path, self._answer))
+            self._forks = stack.enter_context(forking(FORKS, errors=None))
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
         self._stack.close()
-
-    def _attend(self, listener: socket.socket) -> None:
-        while True:
-            try:
-                end, _ = listener.accept()
-            except OSError:  # it is over
-                return
-            with end, suppress(ConnectionError), end.makefile("r") as said:  # it may be killed at any moment
-                for line in said:
-                    self._answer(*pickle.loads(bytes.fromhex(line)))  # noqa: S301 (our own child wrote it)
-                    end.sendall(f"{self.sim.clock.now_ns()}\n".encode())
 
     @property
     def sim(self) -> Any:
@@ -214,12 +189,13 @@ class Commands:
         assert self._served is not None
         return self._served.sim
 
-    def _answer(self, word: str, *given: Any) -> None:
+    def _answer(self, line: str) -> int:
+        word, *given = pickle.loads(bytes.fromhex(line))  # noqa: S301 (our own child wrote it)
         if word == "wait":
             self.sim.clock.wait(*given)
         elif word != "now":
-            word = "mount" if word == "mount_anew" else word
-            getattr(self.sim.operator, word)(*given)
+            getattr(self.sim.operator, "mount" if word == "mount_anew" else word)(*given)
+        return int(self.sim.clock.now_ns())
 
     def run(self, number: int, how: str, *words: str, root: Path | None = None) -> End:
         """A command that meets a blow at one of its moments; at number 0 none, at -1 at each of them.

@@ -50,13 +50,19 @@ class Disk:
 
     @contextmanager
     def listening(self) -> Iterator[None]:
+        asked: dict[str, Callable[..., Sequence[Any]]] = {
+            "ftruncate": lambda handle, size: ("truncate", _path(handle), size),
+            "fdatasync": lambda handle: ("sync", _path(handle)),
+            "fsync": lambda handle: ("sync", _path(handle)),
+            "replace": lambda one, other: ("rename", one, 0, b"", Path(other).name),
+            "unlink": lambda path, **_: ("remove", path),
+        }
         with ExitStack() as stack:
-            for name, call in {
-                "pwrite": self._pwrite, "ftruncate": self._ftruncate, "fdatasync": self._sync, "fsync": self._sync,
-                "replace": self._replace, "unlink": self._unlink,
-            }.items():  # fmt: skip
-                stack.enter_context(patch.object(os, name, call(getattr(os, name))))
-            stack.enter_context(patch.object(Path, "write_bytes", self._write_bytes(Path.write_bytes)))
+            for name, what in asked.items():
+                stack.enter_context(patch.object(os, name, self._telling(getattr(os, name), what)))
+            stack.enter_context(patch.object(os, "pwrite", self._pwrite(os.pwrite)))
+            make = self._telling(Path.write_bytes, lambda path, content: ("make", path, 0, content))
+            stack.enter_context(patch.object(Path, "write_bytes", make))
             yield
 
     def said(self, points: int) -> None:
@@ -83,40 +89,12 @@ class Disk:
 
         return pwrite
 
-    def _ftruncate(self, call: Call) -> Call:
-        def ftruncate(handle: int, size: int) -> None:
-            self._asked("truncate", _path(handle), size)
-            call(handle, size)
+    def _telling(self, call: Call, what: Callable[..., Sequence[Any]]) -> Call:
+        def told(*given: Any, **options: Any) -> Any:
+            self._asked(*what(*given, **options))
+            return call(*given, **options)
 
-        return ftruncate
-
-    def _sync(self, call: Call) -> Call:
-        def sync(handle: int) -> None:
-            self._asked("sync", _path(handle))
-            call(handle)
-
-        return sync
-
-    def _replace(self, call: Call) -> Call:
-        def replace(one: Any, other: Any) -> None:
-            self._asked("rename", Path(one), to=Path(other).name)
-            call(one, other)
-
-        return replace
-
-    def _unlink(self, call: Call) -> Call:
-        def unlink(path: Any, **options: Any) -> None:
-            self._asked("remove", Path(path))
-            call(path, **options)
-
-        return unlink
-
-    def _write_bytes(self, call: Call) -> Call:
-        def write_bytes(path: Path, content: bytes) -> int:
-            self._asked("make", path, content=content)
-            return int(call(path, content))
-
-        return write_bytes
+        return told
 
 
 def _path(handle: int) -> Path:

@@ -24,21 +24,17 @@ from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.models.solid.parts import SolidStack
 from palpate.instrument.models.solid.system import System
-from palpate.simulators.effects import effect_class
-from palpate.simulators.effects.viscoelastic import Viscoelastic
-from palpate.simulators.linear.lti import StateSpace, gain
-from palpate.simulators.linear.path import Path
+from palpate.simulators.linear.lti import StateSpace
 from palpate.simulators.linear.periodic import HERTZ, SECOND, Periodic, constant
-from palpate.simulators.physics.chain import Armature, Limits, MeasuringChain, Plays, SpringStack, Touch
+from palpate.simulators.physics.chain import Armature, Limits, Plays, SpringStack
 from palpate.simulators.planning.plan import Question, driven
 from tests.instrument.direct import direct
 from tests.settings import solid_sensors
-from tests.simulators.rigs import scene
+from tests.simulators.rigs import NO_PLAYS, an_effect, chain_on, scene
 
 TOOTH, RING, SHARE = 120.0, 380.0, 0.4  # N/m, N/m
 RESISTANCE, SUSPENSION, MASS = 3.5, 1000.0, 0.03
 DIGITS = 50
-NO_PLAYS = Plays(ring=False, radii=(), weights=())
 MET = 1e-13  # m
 GRID = 1e-4  # s, in which a force has one extreme at most
 Times = np.ndarray[Any, np.dtype[np.int64]]
@@ -78,20 +74,16 @@ class Shaker:
         if not self.creep:
             return springs.elastic()
         g, tau = zip(*self.creep, strict=True)
-        creep = Viscoelastic.model_validate({"g": list(g), "tau": [f"{each!r} s" for each in tau]})
+        creep = an_effect("viscoelastic", g=g, tau=[f"{each!r} s" for each in tau])
         return creep.stack(springs)
 
     def followed(self, times: Times) -> tuple[Floats, int]:
         """The tooth's force with its plays, and the whole force (2, n) [N], by palpate; and the transitions."""
         armature = Armature(self.force_constant, RESISTANCE, SUSPENSION, self.inductance, MASS, self.damping)
-        films = gain(np.array([[1.0, 0.0, 1.0, 0.0], [1.0, 1.0, 0.0, 0.0]]))
-        chain = MeasuringChain(
-            armature, Limits(stop=self.stop), self.stack, self.advance, self.plays, films, [gain(np.eye(1))] * 2,
-            np.zeros(2), 0.1, 0.0,
+        _, path = chain_on(
+            self.stack, self.advance, self.volts, self.drive,
+            armature=armature, limits=Limits(stop=self.stop), plays=self.plays,
         )  # fmt: skip
-        voltage = Periodic(0.0, self.drive, 0, 0, np.array([1]), np.array([-1j * self.volts]))
-        mode = chain.mode(Touch(drag=(0,) * chain.plays))
-        path = Path((voltage, constant(1.0, voltage), voltage.derivative()), mode, 0, np.zeros(mode.system.order))
         return path.outputs(times, slice(0, 2)), len(path.modes_until(int(times[-1]))) - 1
 
     def integrated(self, times: Floats) -> Floats:
@@ -215,7 +207,7 @@ def _in_digits(system: StateSpace, volts: Periodic, state: Floats, elapsed_ns: T
 def _at_frequency(frequency: float) -> float:
     """All films of a scene with inertia, creep and amplifiers, from the drive's first moment on, and settled."""
     chosen = scene("charge_amplifier")
-    effects = {**chosen.effects, **{name: effect_class(name)() for name in ("shaker_dynamics", "viscoelastic")}}
+    effects = {**chosen.effects, **{name: an_effect(name) for name in ("shaker_dynamics", "viscoelastic")}}
     rig = driven(replace(chosen, effects=effects), Question(frequency=frequency, load=1.0))
     path, volts = rig.path, rig.coil_voltage()
     period = 1e9 / frequency

@@ -19,7 +19,7 @@ import sys
 import threading
 from bisect import bisect_left, bisect_right
 from collections import Counter
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -142,6 +142,38 @@ class Truth:
         return set(self.names[first:last])
 
 
+@contextmanager
+def attended(path: str, answer: Callable[[str], int]) -> Iterator[None]:
+    """A socket at which a client after the other asks for the bench's clock, a line a question."""
+    with socket.socket(socket.AF_UNIX) as listener:
+        listener.bind(path)
+        listener.listen()
+
+        def attend() -> None:
+            while True:
+                try:
+                    end, _ = listener.accept()
+                except OSError:  # it is over
+                    return
+                with end, suppress(ConnectionError), end.makefile("r") as said:  # it may be killed at any moment
+                    for line in said:
+                        end.sendall(f"{answer(line.strip())}\n".encode())
+
+        thread = threading.Thread(target=attend, name="clock of the bench", daemon=True)
+        thread.start()
+        try:
+            yield
+        finally:
+            listener.shutdown(socket.SHUT_RDWR)
+            thread.join()
+
+
+def forking(program: str, errors: int | None = subprocess.DEVNULL) -> subprocess.Popen[str]:
+    """A process that reads commands, and forks one of its own for each."""
+    pipe = subprocess.PIPE
+    return subprocess.Popen([sys.executable, "-c", program], stdin=pipe, stdout=pipe, stderr=errors, text=True)
+
+
 class Client:
     """A context manager: the process that forks commands, and the clock of the bench that they wait by."""
 
@@ -153,46 +185,23 @@ class Client:
 
     def __enter__(self) -> Self:
         with ExitStack() as stack:
-            self._listener = stack.enter_context(socket.socket(socket.AF_UNIX))
             self._path = str(self._folder / "clock")
-            self._listener.bind(self._path)
-            self._listener.listen()
-            thread = threading.Thread(target=self._attend, name="clock of the bench", daemon=True)
-            thread.start()
-            stack.callback(thread.join)
-            stack.callback(self._listener.shutdown, socket.SHUT_RDWR)
-            pipe = subprocess.PIPE
-            self._forks = stack.enter_context(
-                subprocess.Popen(
-                    [sys.executable, "-c", FORKS], stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
-                )
-            )
+            stack.enter_context(attended(self._path, self._answer))
+            self._forks = stack.enter_context(forking(FORKS))
             self._stack = stack.pop_all()
         return self
 
     def __exit__(self, *_: object) -> None:
-        assert self._forks.stdin is not None
-        self._forks.stdin.close()
         self._stack.close()
 
-    def _attend(self) -> None:
-        while True:
-            try:
-                end, _ = self._listener.accept()
-            except OSError:  # it is over
-                return
-            with end, suppress(ConnectionError), end.makefile("r") as said:  # it may be killed at any moment
-                for line in said:
-                    self._answer(line.strip())
-                    end.sendall(f"{self._served.sim.clock.now_ns()}\n".encode())
-
-    def _answer(self, word: str) -> None:
-        if word == "now":
-            return
-        self._ticks += 1
-        if self._ticks == self._blow.tick:
-            self._strike(self._blow)
-        self._served.sim.clock.wait(float(word))
+    def _answer(self, word: str) -> int:
+        clock = self._served.sim.clock
+        if word != "now":
+            self._ticks += 1
+            if self._ticks == self._blow.tick:
+                self._strike(self._blow)
+            clock.wait(float(word))
+        return clock.now_ns()
 
     def _strike(self, blow: Blow) -> None:
         sim = self._served.sim

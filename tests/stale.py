@@ -12,6 +12,7 @@ import random
 import struct
 from collections import Counter
 from collections.abc import Callable
+from types import SimpleNamespace
 from typing import Any
 
 import canopen
@@ -268,7 +269,7 @@ def sdo_segments(chance: random.Random, tries: int) -> Counter[str]:
                 node.repeat = node.repeat or (node.asked + 1 - begun == at and request[0] != 0x80)
                 send(cob_id, request)
 
-            node.sdo.network = Sender(counted)
+            node.sdo.network = SimpleNamespace(send_message=counted)  # all that an SDO client wants of it
             try:
                 node.said += 1
                 told = node.sdo.upload(0x1008, 0)
@@ -279,13 +280,6 @@ def sdo_segments(chance: random.Random, tries: int) -> Counter[str]:
         node.end()
         found["segments: tries"] += 1
     return found
-
-
-class Sender:
-    """What an SDO client wants of a network."""
-
-    def __init__(self, send_message: Callable[[int, bytes], None]) -> None:
-        self.send_message = send_message
 
 
 KINDS: dict[str, tuple[Callable[[random.Random, int], Counter[str]], float]] = {

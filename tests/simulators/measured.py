@@ -12,11 +12,14 @@ from palpate.instrument.arrays import Floats
 from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import amplitudes
+from palpate.simulators.bounds import bound_of
 from palpate.simulators.clock import NEVER, VirtualClock
+from palpate.simulators.effects import EFFECTS
 from palpate.simulators.effects.adc import Adc
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from palpate.simulators.physics.effect import Effect, InputEffect
-from palpate.simulators.planning.plan import RATE, SETTLING, Question, driven
+from palpate.simulators.physics.effect import Bound, Effect, InputEffect
+from palpate.simulators.planning.plan import RATE, SETTLING, Question, case_of, driven
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig import Rig
 from palpate.simulators.scenes.scene import Scene
@@ -147,3 +150,16 @@ def _again(scene: Scene, question: Question, phase: float, rigs: dict[Key, Rig])
     if key not in rigs:
         rigs[key] = driven(scene, question)
     return _followed(rigs[key], question, phase)
+
+
+THESIS = read_scene("thesis_single")
+
+
+def beside(others: dict[str, Effect], name: str, effect: Effect, seed: int = 1) -> tuple[Scene, Scene]:
+    without = replace(THESIS, effects={each: others[each] for each in EFFECTS if each in others}, seed=seed)
+    both = {**without.effects, name: effect}
+    return without, replace(without, effects={each: both[each] for each in EFFECTS if each in both})
+
+
+def bounded(name: str, without: Scene, with_it: Scene, question: Question) -> Bound:
+    return bound_of(case_of(without.design, without.model, without.effects, question), with_it.effects[name])

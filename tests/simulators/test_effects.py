@@ -6,43 +6,31 @@ import ast
 import itertools
 import math
 import re
+import sys
 from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
-from typing import get_args
 
 import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats
-from palpate.instrument.errors import ConfigError, UnknownName
+from palpate.instrument.errors import ConfigError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
+from palpate.simulators import effects
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedStrainIndicator
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, effect_class
-from palpate.simulators.effects.adc import Adc
-from palpate.simulators.effects.amplifier_clip import AmplifierClip
-from palpate.simulators.effects.crosstalk import Crosstalk
-from palpate.simulators.effects.current_limit import CurrentLimit
-from palpate.simulators.effects.curve_error import CurveError
-from palpate.simulators.effects.end_stops import EndStops
-from palpate.simulators.effects.gain_scatter import GainScatter
-from palpate.simulators.effects.glue_clamping import GlueClamping
-from palpate.simulators.effects.load_cell import LoadCell
-from palpate.simulators.effects.mounting_scatter import MountingScatter
-from palpate.simulators.effects.off_axis import OffAxis
-from palpate.simulators.effects.pyroelectric import Pyroelectric
-from palpate.simulators.effects.triboelectric import Triboelectric
-from palpate.simulators.effects.viscoelastic import Viscoelastic
-from palpate.simulators.effects.white_noise import WhiteNoise
-from palpate.simulators.physics.effect import Effect, Kind, SourceEffect
+from palpate.simulators.physics.effect import Effect, SourceEffect
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.randomness import Stream
 from palpate.simulators.rig import Rig
 from tests.shares import first_of
-from tests.simulators.rigs import BALANCE, MS, SECOND, pressed, scene
-from tests.simulators.strong import STRONG, together
+from tests.simulators.measured import volts
+from tests.simulators.rigs import BALANCE, MS, SECOND, STRONG, an_effect, pressed, scene, shaken
 
 SIMULATORS = Path(__file__).parents[2] / "simulators"
 
@@ -51,9 +39,8 @@ def seen(
     effects: Mapping[str, Effect], seed: int = 1, node_id: int = 1, design: str = "single", count: int = 1000
 ) -> tuple[bytes, list[float]]:
     """Some samples a millisecond apart with their flags, and the indicator's readings, after two load sets."""
-    clock = VirtualClock()
-    rig = Rig(replace(scene(), effects=effects, seed=seed, design=get_design(design)), clock)
-    pressed(rig, "2", BALANCE + 7e-3, 1.0)
+    rig = shaken(effects, amplitude=1.0, design=design, seed=seed)
+    clock = rig.clock
     clock.wait(0.3)
     pressed(rig, "2", BALANCE + 7e-3, 2.0)
     node = SimulatedSensorNode(clock, node_id, 1, rig)
@@ -89,27 +76,6 @@ def test_an_effect_whose_class_has_another_name_is_refused(monkeypatch: pytest.M
         effect_class("glue_loss")
 
 
-def test_every_effect_has_a_kind_defaults_for_all_and_cannot_be_changed() -> None:
-    for name in EFFECTS:
-        is_described(name)
-
-
-def is_described(name: str) -> None:
-    effect = effect_class(name)()
-    assert effect.kind in get_args(Kind)
-    assert isinstance(effect.cancels_in_ratio, bool)
-    assert type(effect).__module__ == f"palpate.simulators.effects.{name}"
-    assert effect.name == name
-    for parameter in type(effect).model_fields:
-        with pytest.raises(ValueError, match="frozen"):
-            setattr(effect, parameter, 1.0)
-
-
-def test_an_unknown_effect_is_refused_with_the_nearest() -> None:
-    with pytest.raises(UnknownName, match=r"unknown effect 'white_nose' \(did you mean 'white_noise'\?\)"):
-        effect_class("white_nose")
-
-
 def test_the_effects_of_this_test_are_all_there_are() -> None:
     assert list(STRONG) == list(EFFECTS)
 
@@ -125,19 +91,21 @@ def test_an_effect_that_is_called_for_changes_something(name: str) -> None:
 
 
 NOTHING: dict[str, Effect] = {
-    "amplifier_clip": AmplifierClip(rail="1 kV"),
-    "current_limit": CurrentLimit(limit="1 kA"),
-    "end_stops": EndStops(travel="1 m"),
-    "curve_error": CurveError(constant=0.0, spread=0.0),
-    "mounting_scatter": MountingScatter(scatter=0.0),
-    "viscoelastic": Viscoelastic(g=(0.0,), tau=("1 s",)),
-    "crosstalk": Crosstalk(compliant=0.0),
-    "glue_clamping": GlueClamping(factor=1.0),
-    "off_axis": OffAxis(angle="0 deg"),
-    "gain_scatter": GainScatter(strength=0.0),
-    "pyroelectric": Pyroelectric(drift="0 K/s"),
-    "triboelectric": Triboelectric(charge="0 C"),
-    "white_noise": WhiteNoise(density="0 V/√Hz"),
+    "amplifier_clip": an_effect("amplifier_clip", rail="1 kV"),
+    "current_limit": an_effect("current_limit", limit="1 kA"),
+    "end_stops": an_effect("end_stops", travel="1 m"),
+    "curve_error": an_effect("curve_error", constant=0.0, spread=0.0),
+    "mounting_scatter": an_effect("mounting_scatter", scatter=0.0),
+    "viscoelastic": an_effect("viscoelastic", g=(0.0,), tau=("1 s",)),
+    "crosstalk": an_effect("crosstalk", compliant=0.0),
+    "glue_clamping": an_effect("glue_clamping", factor=1.0),
+    "off_axis": an_effect("off_axis", angle="0 deg"),
+    "gain_scatter": an_effect("gain_scatter", strength=0.0),
+    "pyroelectric": an_effect("pyroelectric", drift="0 K/s"),
+    "triboelectric": an_effect("triboelectric", charge="0 C"),
+    "white_noise": an_effect("white_noise", density="0 V/√Hz"),
+    "pink_noise": an_effect("pink_noise", density="0 V/√Hz"),
+    "jitter": an_effect("jitter", delay="0 s"),
 }
 
 
@@ -150,15 +118,7 @@ def test_zero_strength_is_absent_bit_for_bit(nothing: dict[str, Effect], others:
 
 
 def test_a_16_bit_converter_gives_the_counts_that_travel_without_one() -> None:
-    assert seen({"adc": Adc(bits=16)}) == seen({})
-
-
-@pytest.mark.slow
-def test_the_order_of_the_effects_does_not_change_anything() -> None:
-    names = list(together())
-    expected = seen(together(), count=100)
-    for order in (names[::-1], names[1::2] + names[::2]):
-        assert seen({name: STRONG[name] for name in order}, count=100) == expected
+    assert seen({"adc": an_effect("adc", bits=16)}) == seen({})
 
 
 def test_another_seed_changes_every_random_effect() -> None:
@@ -205,7 +165,7 @@ DRAWS = 20_000  # a standard deviation of them is known to 0.5 %
 
 @pytest.mark.parametrize("design", first_of(["common_base", "array"]))
 def test_gains_of_20_000_sets_scatter_as_films_teeth_and_sensor_are_stated_to(design: str) -> None:
-    chosen, stream, effect = get_design(design), Stream(1, "gain_scatter"), GainScatter()
+    chosen, stream, effect = get_design(design), Stream(1, "gain_scatter"), an_effect("gain_scatter")
     gains = np.array([effect.matrix(chosen, stream, 1000 * number).diagonal() for number in range(DRAWS)])
     covariance = np.array(chosen.scatter_covariance)
     assert gains.mean(axis=0) == pytest.approx(1.0, abs=4 * 0.125 / math.sqrt(DRAWS))
@@ -228,25 +188,14 @@ def test_gains_of_20_000_sets_scatter_as_films_teeth_and_sensor_are_stated_to(de
 def test_strength_scales_the_scatter_and_load_sets_draw_independently() -> None:
     single, stream = get_design("single"), Stream(1, "gain_scatter")
     once, thrice = (
-        np.array([GainScatter(strength=s).matrix(single, stream, n * SECOND).diagonal() for n in range(2000)])
+        np.array(
+            [an_effect("gain_scatter", strength=s).matrix(single, stream, n * SECOND).diagonal() for n in range(2000)]
+        )
         for s in (1.0, 3.0)
     )
     assert np.allclose(thrice - 1, 3 * (once - 1), rtol=1e-12, atol=1e-15)
     for film in once.T:
         assert abs(np.corrcoef(film[1:], film[:-1])[0, 1]) < 4 / np.sqrt(2000)
-
-
-def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
-    clock = VirtualClock()
-    rig = Rig(scene("gain_scatter"), clock)
-    pressed(rig, "2", BALANCE + 7e-3, 1.0)
-    first = rig.film_system().d[:, 0]
-    clock.wait(1.0)
-    rig.set_position(BALANCE + 8e-3)
-    assert rig.film_system().d[:, 0].tobytes() == first.tobytes()
-    clock.wait(1.0)
-    pressed(rig, "2", BALANCE + 7e-3, 1.1)
-    assert (rig.film_system().d[:, 0] != first).all()
 
 
 # --- noise, converter, indicator -----------------------------------------------------------------------
@@ -255,7 +204,7 @@ def test_gains_are_drawn_anew_with_each_amplitude_and_held_until_then() -> None:
 @pytest.mark.parametrize("rate", [200.0, 1000.0, 10_000.0])
 def test_white_noise_has_its_density_at_any_sample_rate(rate: float) -> None:
     period = round(1e9 / rate)
-    noise, times = WhiteNoise(density="2 µV/√Hz"), period * np.arange(40_000)
+    noise, times = an_effect("white_noise", density="2 µV/√Hz"), period * np.arange(40_000)
     volts = noise.volts(Stream(1, "white_noise", 1, 0), times, period, lambda: np.zeros(len(times)))
     assert volts.std() == pytest.approx(2e-6 * np.sqrt(rate / 2), rel=4 / np.sqrt(80_000))
     spectrum = np.abs(np.fft.rfft(volts)) ** 2 * 2 / (rate * len(volts))  # one-sided, V2/Hz
@@ -266,7 +215,7 @@ def test_white_noise_has_its_density_at_any_sample_rate(rate: float) -> None:
 def test_white_noise_is_independent_between_channels_and_nodes() -> None:
     counts: dict[tuple[int, int], Floats] = {}
     for node_id in (1, 2):
-        data, _ = seen({"white_noise": WhiteNoise(density="1 mV/√Hz")}, node_id=node_id)
+        data, _ = seen({"white_noise": an_effect("white_noise", density="1 mV/√Hz")}, node_id=node_id)
         quiet, _ = seen({}, node_id=node_id)
         difference = np.frombuffer(data[:8000], "<i2").astype(float) - np.frombuffer(quiet[:8000], "<i2")
         with_films = difference.reshape(-1, 4)[:, :2]
@@ -280,27 +229,58 @@ def test_white_noise_is_independent_between_channels_and_nodes() -> None:
 def test_the_converter_rounds_to_its_steps_and_flags_what_it_cuts(bits: int) -> None:
     step = 2.0 ** (1 - bits)
     fraction = np.array([0.0, 0.49 * step, 0.51 * step, -1.0, -1.0 - 0.4 * step, 1.0 - step, 1.0 - 0.6 * step])
-    values, saturated = Adc(bits=bits).convert(fraction)
+    values, saturated = an_effect("adc", bits=bits).convert(fraction)
     assert values.tolist() == [0.0, 0.0, step, -1.0, -1.0, 1.0 - step, 1.0 - step]
     assert not saturated.any()
-    values, saturated = Adc(bits=bits).convert(np.array([1.0, 7.0, -1.0 - 0.6 * step, np.inf, -np.inf]))
+    values, saturated = an_effect("adc", bits=bits).convert(np.array([1.0, 7.0, -1.0 - 0.6 * step, np.inf, -np.inf]))
     assert values.tolist() == [1.0 - step, 1.0 - step, -1.0, 1.0 - step, -1.0]
     assert saturated.all()
 
 
 def test_the_display_shows_the_load_with_its_zero_noise_and_decimals() -> None:
-    cell = LoadCell(zero="1.81 mV", noise="0.3 mV", decimals=4)
+    cell = an_effect("load_cell", zero="1.81 mV", noise="0.3 mV", decimals=4)
     shown = np.array([cell.display(20.0, Stream(1, "load_cell"), update) for update in range(4000)])
     assert shown.mean() == pytest.approx(21.81, abs=4 * 0.3 / np.sqrt(4000))
     assert shown.std() == pytest.approx(0.3, rel=0.045)
     assert cell.display(20.0, Stream(1, "load_cell"), 7) == shown[7]
     assert abs(np.corrcoef(shown[1:], shown[:-1])[0, 1]) < 4 / np.sqrt(4000)
-    quiet = LoadCell(zero="1.81 mV", noise="0 mV", decimals=0)
+    quiet = an_effect("load_cell", zero="1.81 mV", noise="0 mV", decimals=0)
     assert [quiet.display(mv, Stream(1, "load_cell"), 0) for mv in (0.0, 10.0, -10.0)] == [2.0, 12.0, -8.0]
 
 
-def test_a_thesis_reading_rarely_differs_by_more_than_a_count() -> None:
-    cell = LoadCell()
-    shown = np.array([cell.display(19.9, Stream(1, "load_cell"), update) for update in range(2000)])
-    assert set(np.unique(shown)) <= {20.0, 21.0, 22.0, 23.0}
-    assert (np.abs(shown - 22.0) <= 1).mean() > 0.99
+# --- effects that are not called for -----------------------------------------------------------------
+
+
+def poison(monkeypatch: pytest.MonkeyPatch, name: str) -> None:
+    """Import, construction and any use of an effect raise."""
+    module, class_name = EFFECTS[name].split(":")
+    found = effect_class(name)
+
+    def refuse(*_: object, **__: object) -> None:
+        raise AssertionError(f"effect {name!r} was not called for")
+
+    monkeypatch.setattr(found, "__init__", refuse)
+    monkeypatch.setattr(found, "model_validate", refuse)
+    monkeypatch.delattr(sys.modules[module], class_name)
+    monkeypatch.setitem(sys.modules, module, None)
+    monkeypatch.setitem(EFFECTS, name, f"{module}:{class_name}")
+
+
+@pytest.mark.parametrize("name", ["ideal", "thesis_single", "everything"])
+def test_a_scene_gives_the_same_bytes_where_every_effect_that_it_does_not_name_is_poison(
+    name: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    clean = volts(read_scene(name), Question(dwell=0.2)).tobytes()
+    unused = [effect for effect in EFFECTS if effect not in read_scene(name).file.effects]
+    for effect in unused:
+        poison(monkeypatch, effect)
+    assert volts(read_scene(name), Question(dwell=0.2)).tobytes() == clean
+
+
+def test_the_poison_works(monkeypatch: pytest.MonkeyPatch) -> None:
+    found: type[Effect] = effect_class("adc")
+    poison(monkeypatch, "adc")
+    with pytest.raises(ImportError):
+        effects.effect_class("adc")
+    with pytest.raises(AssertionError, match="'adc' was not called for"):
+        found()

@@ -2,15 +2,20 @@
 
 from __future__ import annotations
 
+import itertools
 import math
-from fractions import Fraction
+from random import Random
+from typing import Any
 
+import mpmath
 import numpy as np
 import pytest
 import scipy
 
-from palpate.simulators.linear.free_motion import balanced
-from palpate.simulators.linear.lti import Floats, StateSpace, first_order_low_pass
+from palpate.instrument.arrays import Floats
+from palpate.simulators.linear.crossing import measure_of
+from palpate.simulators.linear.free_motion import BLOCK, Doublings, FreeMotion
+from palpate.simulators.linear.lti import StateSpace, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
 from tests.simulators.linear_systems import DAY, SECOND, output, random_system, sine
 
@@ -45,17 +50,6 @@ def test_rates_that_nearly_coincide_lose_no_digits_where_their_modes_lose_all(ap
     if 0 < apart <= 1e-10:
         naive = (np.exp(p * t) - np.exp(q * t)) / (p - q)
         assert np.abs(naive - exact).max() > 1e-7 * exact.max()
-
-
-def test_units_are_those_of_lapack() -> None:
-    draws = np.random.default_rng(38)
-    for _ in range(300):
-        order = draws.integers(1, 12)
-        a = draws.standard_normal((order, order)) * np.exp(draws.uniform(-9, 9, (order, order)))
-        a[draws.random(a.shape) < draws.uniform(0, 0.8)] = 0.0
-        matrix, units = balanced(a)
-        theirs, (their_units, _) = scipy.linalg.matrix_balance(a, permute=False, separate=True)
-        assert np.array_equal(matrix, theirs) and np.array_equal(units, their_units)
 
 
 def test_units_of_the_states_do_not_make_modes_parallel() -> None:
@@ -120,21 +114,6 @@ def test_rates_far_apart_in_series_keep_theirs(order: tuple[float, ...]) -> None
     assert np.abs(last - exact).max() < 1e-10 * np.abs(exact).max()
 
 
-def rest_in_fractions(a: Floats, push: Floats) -> list[Fraction]:
-    """x with A x = -push by elimination in exact arithmetic."""
-    rows = [[Fraction(float(v)) for v in row] + [-Fraction(float(p))] for row, p in zip(a, push, strict=True)]
-    size = len(rows)
-    for k in range(size):
-        pivot = next(i for i in range(k, size) if rows[i][k])
-        rows[k], rows[pivot] = rows[pivot], rows[k]
-        rows[k] = [v / rows[k][k] for v in rows[k]]
-        for i in range(size):
-            if i != k and rows[i][k]:
-                factor = rows[i][k]
-                rows[i] = [v - factor * own for v, own in zip(rows[i], rows[k], strict=True)]
-    return [row[-1] for row in rows]
-
-
 @pytest.mark.parametrize("seed", range(8))
 def test_the_mean_of_a_badly_scaled_system_is_good_in_each_of_its_states(seed: int) -> None:
     draw = np.random.default_rng(seed)
@@ -144,5 +123,121 @@ def test_the_mean_of_a_badly_scaled_system_is_good_in_each_of_its_states(seed: i
     b = (rate * unit)[:, np.newaxis] * plain.b
     drive = Periodic(1.0, 10 * HERTZ, 0, 0, np.zeros(0, int), np.zeros(0, complex))
     mean = StateSpace(a, b, np.eye(5), np.zeros((5, 1))).drive((drive,)).mean
-    exact = rest_in_fractions(a, b[:, 0])
-    assert max(abs(float(Fraction(float(m)) / e - 1)) for m, e in zip(mean, exact, strict=True)) < 1e-10
+    with mpmath.workdps(DIGITS):
+        exact = mpmath.lu_solve(mpmath.matrix(a.tolist()), mpmath.matrix((-b[:, 0]).tolist()))
+        assert max(abs(float(m / e - 1)) for m, e in zip(mean.tolist(), exact, strict=True)) < 1e-10
+
+
+# --- exponentials of matrices ------------------------------------------------------------------------
+
+APART = [0.0, 1e-16, 3e-16, 1e-15, 1e-14, 1e-12, 1e-10, 1e-8, 1e-6, 1e-5, 1e-4, 1e-3]  # of their size
+DIGITS = 50
+
+
+def question(draw: Random, most: int = 12) -> tuple[Floats, int]:
+    """A matrix, and a time [ns] in which one of its poles is at work: long after it exp(|A| t) bounds nothing."""
+    a = chain(draw, most)
+    rate = abs(draw.choice(a.diagonal())) or 1.0
+    return a, max(1, int(1e9 / rate * 10.0 ** draw.uniform(-2, 1)))
+
+
+def chain(draw: Random, most: int = 12) -> Floats:
+    """Stages in series, of which some have nearly the same pole, some feed back, and one or two may swing."""
+    order = draw.randint(2, most)
+    rates: list[float] = []
+    while len(rates) < order:
+        if rates and draw.random() < 0.5:
+            rates.append(draw.choice(rates) * (1 + draw.choice(APART)))
+        else:
+            rates.append(10.0 ** draw.uniform(-3, 6))
+    random = np.random.default_rng(draw.randrange(2**32))
+    a = np.tril(random.normal(size=(order, order)) * 10.0 ** random.uniform(-3, 3, (order, order)), -1)
+    a[random.random(a.shape) < draw.choice([0.0, 0.5])] = 0.0
+    a -= np.diag(rates)
+    for _ in range(draw.choice([0, 0, 1, 2])):  # an armature: x' = v, v' = -w^2 x - d v
+        at, w = draw.randint(0, order - 2), 10.0 ** draw.uniform(0, 3)
+        a[at : at + 2, at : at + 2] = [[0.0, 1.0], [-w * w, -w * draw.choice([0.1, 2.0])]]
+    return a
+
+
+def exact_exponential(a: Floats, elapsed_ns: int) -> Any:
+    """exp(a t) by mpmath."""
+    with mpmath.workdps(DIGITS + 30):
+        return mpmath.expm(mpmath.matrix(a.tolist()) * mpmath.mpf(elapsed_ns) / 10**9, method="taylor")
+
+
+def worst(found: Floats, exact: Any, bound: Any) -> float:
+    """The greatest error of an element of `found` over the same element of `bound`."""
+    order, errors = len(found), [0.0]
+    with mpmath.workdps(DIGITS):
+        for i in range(order):
+            for k in range(order):
+                off = abs(mpmath.mpf(found[i, k]) - exact[i, k])
+                if off > 1e-300:
+                    errors.append(float(off / bound[i, k]) if bound[i, k] else float("inf"))
+    return max(errors)
+
+
+GOAL = 1e-13
+
+
+def hold(a: Floats, elapsed_ns: int) -> None:
+    """Elements of exp(A t) as doublings give them, and as products of these do."""
+    exact = exact_exponential(a, elapsed_ns)
+    bound = exact_exponential(np.abs(a), elapsed_ns)
+    unit = np.array([elapsed_ns])
+    decayed = np.array([FreeMotion(a).decay(column, unit)[:, 0] for column in np.eye(len(a))]).T
+    assert worst(decayed, exact, bound) <= GOAL
+
+
+@pytest.mark.parametrize("apart", APART[::3] + APART[-1:])
+def test_poles_that_nearly_coincide_keep_the_digits_of_those_that_do(apart: float) -> None:
+    a = np.array([[-1.0, 0.0, 0.0], [1.0, -1.0 * (1 + apart), 0.0], [1.0, 1.0, -10.0]])
+    hold(a, 1_000_000_007)
+
+
+def test_every_element_of_a_chain_keeps_thirteen_digits() -> None:
+    for seed in range(4):
+        hold(*question(Random(seed), most=4))
+
+
+@pytest.mark.slow
+@pytest.mark.timeout(120)
+def test_every_element_of_a_long_chain_keeps_thirteen_digits() -> None:
+    for seed in range(6):
+        hold(*question(Random(seed)))
+
+
+@pytest.mark.parametrize("bit", [0, 13, 27, 40])
+def test_a_doubling_is_right_to_the_last_digit(bit: int) -> None:
+    a = chain(Random(bit), most=4)
+    exact = exact_exponential(a, 2**bit)
+    assert worst(Doublings(a, "1e-9")[bit], exact, exact) <= 2e-16
+
+
+@pytest.mark.parametrize("apart", [0.0, 2e-16, 1e-10, 1e-5])
+def test_samples_of_parallel_modes_are_those_of_single_times_whatever_block_they_are_asked_in(apart: float) -> None:
+    a = np.array([[-3.0, 0.0, 0.0], [2.0, -3.0 * (1 + apart), 0.0], [0.0, 5.0, -40.0]])
+    motion, rows, x = FreeMotion(a), np.array([[1.0, -2.0, 3.0], [0.0, 0.0, 1.0]]), np.array([1.0, 0.5, -0.25])
+    assert motion.modes is None
+    step_ns, seen = 1_000_003, motion.seen(rows, x)
+    times = 5000 + step_ns * np.arange(1, 3 * BLOCK)
+    whole = seen(times, 5000, step_ns)
+    assert np.abs(whole - seen(times, 5000, 0)).max() <= 1e-14 * np.abs(whole).max()
+    for part in (slice(0, 1), slice(7, BLOCK + 9), slice(2 * BLOCK, None)):
+        assert (seen(times[part], 5000, step_ns) == whole[:, part]).all()
+
+
+def test_what_bounds_a_motion_without_modes_never_grows_along_it() -> None:
+    """Amperes, metres and metres a second beside slow filters: in plain units Lyapunov's equation has no digit left."""
+    a = np.zeros((6, 6))
+    a[:3, :3] = [[-3.5e4, 0, -4e4], [0, 0, 1], [4 / 0.03, -1e6 / 0.03, -2 / 0.03]]
+    a[3, 1], a[3, 3], a[4, 3], a[4, 4], a[5, 4], a[5, 5] = 1e5, -1.0, 1.0, -1.0, 1e-3, -1e-3
+    measure = measure_of(a)
+    assert measure is not None
+    times = [0, 1000, 100_000, 10_000_000, 10**9, 10**12]
+    motion = FreeMotion(a)
+    for column in np.eye(6):
+        sizes = [np.linalg.norm(measure @ motion.moment(column, time)) for time in times]
+        assert all(after <= before * (1 + 1e-9) for before, after in itertools.pairwise(sizes))
+    assert measure_of(np.array([[0.0, 1.0], [0.0, 0.0]])) is None

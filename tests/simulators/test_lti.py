@@ -1,7 +1,8 @@
-"""The closed form of a linear chain, against stepping."""
+"""Linear systems and the periodic drives that act on them, in closed form."""
 
 from __future__ import annotations
 
+import itertools
 import math
 from collections.abc import Callable
 
@@ -10,9 +11,10 @@ import pytest
 import scipy
 
 from palpate.instrument.arrays import Floats, Times
+from palpate.simulators.linear import bouc_wen
 from palpate.simulators.linear.lti import StateSpace, first_order_high_pass, first_order_low_pass
 from palpate.simulators.linear.periodic import CYCLE, HERTZ, Periodic
-from tests.simulators.linear_systems import SECOND, output, random_system, rich, sine
+from tests.simulators.linear_systems import DAY, SECOND, output, random_system, rich, sine
 
 BLOCKS = (1, 7, 333, 1000)
 SUSPENDED = StateSpace(
@@ -25,46 +27,6 @@ def in_blocks(times: Times, size: int) -> list[Times]:
 
 
 # --- the closed form against stepping ------------------------------------------------------------------
-
-
-def stepped(system: StateSpace, drive: Periodic, x0: Floats, step_ns: int, count: int) -> Floats:
-    """Outputs at `count` steps after the drive's start.
-
-    The matrix exponential of the system together with the oscillators that drive it: exact for any step.
-    """
-    s, k = system.order, len(drive.order)
-    augmented = np.zeros((s + 2 * k + 1,) * 2)
-    augmented[:s, :s] = system.a
-    augmented[:s, -1] = system.b[:, 0] * drive.mean
-    z0 = np.zeros(len(augmented))
-    z0[:s], z0[-1] = x0, 1.0
-    start = np.exp(2j * np.pi * drive.order * drive.start_phase / CYCLE) * drive.amplitude
-    for i in range(k):
-        w, at = 2 * np.pi / HERTZ * drive.frequency * drive.order[i], s + 2 * i
-        augmented[at : at + 2, at : at + 2] = [[0, -w], [w, 0]]
-        augmented[:s, at] = system.b[:, 0]
-        z0[at : at + 2] = start[i].real, start[i].imag
-    propagator = scipy.linalg.expm(augmented * 1e-9 * step_ns)
-    outputs = np.empty(count)
-    for n in range(count):
-        z0 = propagator @ z0
-        outputs[n] = system.c[0] @ z0[:s] + system.d[0, 0] * (drive.mean + z0[s:-1:2].sum())
-    return outputs
-
-
-@pytest.mark.parametrize("tau", [1e-6, 1e-3, 1.0, 1e4])
-@pytest.mark.parametrize("make", [first_order_high_pass, first_order_low_pass])
-@pytest.mark.parametrize("harmonics", [1, 13])
-def test_a_first_order_closed_form_equals_exact_stepping(tau: float, make: type, harmonics: int) -> None:
-    system, drive, x0, step = make(tau), rich(harmonics), np.array([2.0]), 1_000_003
-    times = drive.start_ns + step * np.arange(1, 1501)
-    assert np.abs(output(system, drive, x0, times) - stepped(system, drive, x0, step, 1500)).max() < 1e-10
-
-
-def test_a_ringing_second_order_closed_form_equals_exact_stepping() -> None:
-    drive, x0, step = rich(5), np.array([0.5, -3.0]), 500_009
-    times = drive.start_ns + step * np.arange(1, 4001)
-    assert np.abs(output(SUSPENDED, drive, x0, times) - stepped(SUSPENDED, drive, x0, step, 4000)).max() < 1e-9
 
 
 def test_at_0_hz_the_state_settles_to_a_constant() -> None:
@@ -168,3 +130,61 @@ def test_on_a_grid_any_block_size_gives_the_same_bytes_and_the_values_of_single_
     pieces = [trace.at(piece, step) for piece in in_blocks(times, size)]
     assert np.concatenate(pieces, axis=1).tobytes() == whole.tobytes()
     assert np.abs(whole - trace.at(times)).max() < 1e-13 * np.abs(whole).max()
+
+
+# --- the operator by Bouc and Wen ----------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("share", [0.5, 0.7, 1.0])
+def test_a_bouc_wen_operator_follows_its_equation_at_any_step_where_euler_runs_away(share: float) -> None:
+    """100 steps a cycle; against an integrator where the operator is soft, against its own finer steps where not."""
+
+    def slope(t: float, z: Floats) -> Floats:
+        v = 20 * np.pi * np.cos(20 * np.pi * t)
+        return np.asarray(8.0 * (v - share * abs(v) * z - (1 - share) * v * np.abs(z)))
+
+    times = np.arange(0, 101) * 1e-3
+    x = np.sin(20 * np.pi * times)
+    solved = [0.0]
+    for start, end in itertools.pairwise((0.0, 0.025, 0.075, 0.1)):  # where the sine turns
+        inside = times[(times > start + 1e-9) & (times < end + 1e-9)]
+        part = scipy.integrate.solve_ivp(
+            slope, (start, end + 1e-9), [solved[-1]], "DOP853", inside, rtol=1e-10, atol=1e-12, max_step=5e-4
+        )
+        solved += list(part.y[0])
+    assert np.abs(bouc_wen.exact(x, 8.0, share) - solved).max() < 1e-8
+    fine = np.sin(20 * np.pi * np.arange(0, 10_001) * 1e-5)
+    stiff = bouc_wen.exact(x, 100.0, share)
+    assert np.abs(stiff - bouc_wen.exact(fine, 100.0, share)[::100]).max() < 1e-12
+    assert 0.99 < np.abs(stiff).max() <= 1
+    assert not np.abs(bouc_wen.explicit_euler(np.tile(x[:-1], 10), 100.0, share)[-1000:]).max() < 10
+
+
+# --- drives ------------------------------------------------------------------------------------------
+
+
+def exact_phase(drive: Periodic, time_ns: int) -> int:
+    """In integers without a bound."""
+    return (drive.start_phase + drive.frequency * (time_ns - drive.start_ns)) % CYCLE
+
+
+def test_the_phase_is_exact_for_30_days_at_any_frequency_of_the_generator() -> None:
+    for start in [0, 17, 86_399 * SECOND + 1]:
+        for frequency in [0, 1, 333, 9_965_244_293, 10 * HERTZ, 1_234_567_890_123, 20_000 * HERTZ]:
+            drive = Periodic(0.0, frequency, start, CYCLE - 1, np.array([1]), np.ones(1, complex))
+            near = np.arange(-3, 4)
+            times = np.concatenate([start + near, start + SECOND + near, start + 30 * DAY + near])
+            assert drive.phase(times).tolist() == [exact_phase(drive, int(t)) for t in times]
+            grid = start + 30 * DAY + 999_999 * np.arange(2500)
+            assert drive.phase(grid, 999_999).tolist() == [exact_phase(drive, int(t)) for t in grid]
+
+
+def test_a_drive_counted_from_a_later_moment_is_the_same_bytes() -> None:
+    drive = rich(25)
+    times = 10 * DAY + np.arange(0, SECOND, 7_654_321)
+    assert drive.restarted(9 * DAY + 1).at(times).tobytes() == drive.at(times).tobytes()
+
+
+def test_scaling_scales_the_whole_function() -> None:
+    drive, times = rich(5), np.arange(2 * SECOND, 3 * SECOND, 13_000_001)
+    assert np.allclose(drive.scaled(-2.5, offset=7.0).at(times), 7.0 - 2.5 * drive.at(times), rtol=0, atol=1e-14)

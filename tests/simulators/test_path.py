@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from typing import Any
 
 import numpy as np
 import pytest
@@ -12,7 +11,7 @@ import scipy
 from palpate.instrument.arrays import Floats, Times
 from palpate.instrument.errors import UnreachableError
 from palpate.simulators.linear import path as path_module
-from palpate.simulators.linear.crossing import NEVER, CrossingWatch, Signal
+from palpate.simulators.linear.crossing import NEVER, CrossingWatch
 from palpate.simulators.linear.cycle import Guard, Mode
 from palpate.simulators.linear.lti import StateSpace, first_order_low_pass
 from palpate.simulators.linear.path import Path
@@ -69,40 +68,8 @@ def test_a_dip_of_a_microsecond_in_a_transient_of_minutes_is_found() -> None:
     taus, weights = np.array([1e-6, 3e-6, 100.0]), np.array([3.0, -4.4, 1.0])
     system = StateSpace(np.diag(-1 / taus), np.zeros((3, 1)), weights[np.newaxis], np.zeros((1, 1)))
     drive = Periodic(0.0, 10 * HERTZ, 0, 0, np.zeros(0, int), np.zeros(0, complex))
-    system = StateSpace(system.a, system.b, system.c, system.d)
-
-    def value(t: int) -> float:
-        return float(weights @ np.exp(-1e-9 * t / taus))
-
-    found = failure(system, drive, np.ones(3))
-    brute = next(t for t in range(0, 100_000) if value(t) < 0)
-    assert value(0) < 0 or 0 < brute < 5000
-    assert found == brute
-
-
-def test_a_search_takes_few_steps_where_a_slow_mode_rises_from_below(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Beside an end stop drive and mode cancel but for a thousandth, and the sum turns down slowly."""
-    steps, stepped = [0], Signal.step
-
-    def counted(self: Signal, *args: Any) -> tuple[float, float]:
-        steps[0] += 1
-        return stepped(self, *args)
-
-    monkeypatch.setattr(Signal, "step", counted)
-    mean, mode, rate = 2.7477695e-3, -1.26e-3, -274.4
-    swing = 2.45e-6 - mean - mode
-    drive = Periodic(
-        mean, 10 * HERTZ, 0, 0, np.array([1]), np.array([complex(swing, math.sqrt(5.7063e-3**2 - swing**2))])
-    )
-    found = failure(
-        StateSpace(np.array([[rate]]), np.zeros((1, 1)), np.ones((1, 1)), np.ones((1, 1))), drive, np.array([mode])
-    )
-
-    def value(times: Times) -> Floats:
-        return drive.at(times) + mode * np.exp(1e-9 * rate * times)
-
-    assert (value(np.linspace(0, found - 1, 10_000).astype(np.int64)) >= 0).all() and value(np.array([found])) < 0
-    assert steps[0] <= 12
+    brute = next(t for t in range(5000) if weights @ np.exp(-1e-9 * t / taus) < 0)
+    assert failure(system, drive, np.ones(3)) == brute
 
 
 @pytest.mark.parametrize("seed", range(8))
@@ -121,24 +88,15 @@ def test_no_failure_is_missed_in_random_sums_of_harmonics_and_modes(seed: int) -
     x0 = draw.normal(size=3) * 2
     lowest = float(drive.at(np.arange(0, 100_000_000, 50_021)).min())
     drive = drive.scaled(1.0, -lowest * draw.uniform(0.9, 1.1) + 1e-4)
-    system = StateSpace(a, np.zeros((3, 1)), c, np.ones((1, 1)))
 
     def value(times: Times) -> Floats:
         t = 1e-9 * times
-        ringing = np.exp(rate * t)
-        x = np.array(
-            [
-                ringing * (x0[0] * np.cos(turn * t) + x0[1] * np.sin(turn * t)),
-                ringing * (x0[1] * np.cos(turn * t) - x0[0] * np.sin(turn * t)),
-                x0[2] * np.exp(slow * t),
-            ]
-        )
-        return np.asarray((c @ x)[0] + drive.at(times))
+        ringing = (x0[0] + 1j * x0[1]) * np.exp((rate - 1j * turn) * t)
+        return np.asarray(c[0] @ np.array([ringing.real, ringing.imag, x0[2] * np.exp(slow * t)]) + drive.at(times))
 
     if value(np.array([0]))[0] < 0:
-        x0, c = -x0, c
-        system = StateSpace(a, np.zeros((3, 1)), c, np.ones((1, 1)))
-    found = failure(system, drive, x0)
+        x0 = -x0
+    found = failure(StateSpace(a, np.zeros((3, 1)), c, np.ones((1, 1))), drive, x0)
     grid = np.arange(0, 300_000_000, 1_499)
     below = np.flatnonzero(value(grid) < 0)
     if found < grid[-1]:
@@ -309,13 +267,6 @@ def test_thirty_days_of_transitions_are_reached_at_once_and_what_listens_goes_on
     for day, means in mean.items():
         assert means[0] == pytest.approx(x, rel=1e-9 if frequency == 10 * HERTZ else 1e-6)  # begun within a nanosecond
         assert means[1] == pytest.approx(x * -math.expm1(-(day * 86_400 + 10.05) / tau), rel=2e-2 if day == 0 else 1e-5)
-
-
-def test_thirty_days_without_a_transition_take_one_search(monkeypatch: pytest.MonkeyPatch) -> None:
-    count = searches(monkeypatch)
-    path = listening(sine(1.0))
-    path.outputs(np.array([0, DAY, 30 * DAY]), slice(0, 2))
-    assert count[0] == 1
 
 
 @pytest.mark.parametrize("frequency", [0, HERTZ // 1000])

@@ -47,13 +47,6 @@ def test_mean_variance_skewness_and_kurtosis_are_those_of_the_standard_normal(
     assert abs((numbers**4).mean() - 3) < 4 * np.sqrt(96) * error
 
 
-def test_the_distribution_is_normal_in_every_tenth_and_in_the_tails(numbers: npt.NDArray[np.float64]) -> None:
-    deciles = [-1.2815516, -0.8416212, -0.5244005, -0.2533471, 0.0, 0.2533471, 0.5244005, 0.8416212, 1.2815516]
-    share = np.diff(np.concatenate([[0], [(numbers <= d).mean() for d in deciles], [1]]))
-    assert np.abs(share - 0.1).max() < 4 * np.sqrt(0.09 / LONG)
-    assert (np.abs(numbers) > 3).mean() == pytest.approx(0.0026998, abs=4 * np.sqrt(0.0027 / LONG))
-
-
 def test_a_stream_is_white(numbers: npt.NDArray[np.float64]) -> None:
     for lag in (1, 2, 3, 4, 5, 333, 1000, BLOCK, 2 * BLOCK):
         assert abs((numbers[lag:] * numbers[:-lag]).mean()) < 4 / np.sqrt(LONG)

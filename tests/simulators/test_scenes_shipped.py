@@ -3,23 +3,19 @@
 from __future__ import annotations
 
 import functools
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats
-from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SampleBlock, SimulatedSensorNode
 from palpate.simulators.effects import EFFECTS, effect_class
-from palpate.simulators.physics.effect import Effects
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import Waveforms, waveforms
 from palpate.simulators.rig import Rig
-from palpate.simulators.scenes.heads import shipped
 from palpate.simulators.scenes.scene import Scene
 
 SCENES = (
@@ -46,10 +42,6 @@ def sampled(scene: Scene, size: int = 500) -> list[tuple[bytes, bytes]]:
         for node, its in zip(nodes, taken, strict=True):
             its.append(node.sample(block, node.film_channels @ films, PERIOD_NS))
     return [(b"".join(s.counts.tobytes() for s in its), b"".join(s.saturation.tobytes() for s in its)) for its in taken]
-
-
-def test_these_are_the_scenes() -> None:
-    assert tuple(shipped()) == SCENES
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -101,21 +93,6 @@ def test_everything_calls_for_every_effect_that_does_not_exclude_another() -> No
     assert all(set(effects) & set(effect_class(name).excludes) for name in left), left
 
 
-def test_unknown_curve_lies_off_the_curve_that_answers_and_mounts_no_object_twice_alike() -> None:
-    scene, clock = read_scene("unknown_curve"), VirtualClock()
-    sample = SAMPLES["4"]
-    rig, found = Rig(replace(scene, effects=Effects(scene.effects).but(scene.effects["gain_scatter"])), clock), []
-    clock.add(rig)
-    for _ in range(2):
-        clock.wait(60.0)
-        rig.mount(sample)
-        rig.set_position(scene.rig.sensor_position)
-        rigid, total, _ = np.abs(rig.transfer(10.0)) / [*(film.sensitivity for film in scene.design.films), 1.0]
-        found.append(np.log(rigid / total / scene.answer(sample).force_ratio))
-    assert found[0] == pytest.approx(-0.239, abs=4 * 0.053)
-    assert 1e-4 < abs(found[1] - found[0]) < 6 * 0.01
-
-
 def test_overdriven_clips_at_the_rail_and_its_force_has_harmonics() -> None:
     waves = looked_at("overdriven")
     rail = getattr(read_scene("overdriven").effects["amplifier_clip"], "rail", 0.0)
@@ -131,17 +108,3 @@ def test_the_bench_settles_in_humid_body_although_the_leak_grows() -> None:
     rig.set_position(1e-3)
     clock.wait(30.0)
     assert rig.settled_for_ns() == 30 * 10**9
-
-
-def test_a_film_beyond_its_range_alone_is_marked_as_saturated() -> None:
-    ideal = read_scene("ideal")
-    rigid, total = ideal.design.films
-    loud = replace(ideal.design, films=(rigid, replace(total, sensitivity=100 * total.sensitivity)))
-    waves = waveforms(replace(ideal, design=loud), Question(), 2)
-    assert waves.saturated.any(axis=1).tolist() == [False, True]
-    assert np.array_equal(waves.saturated[1], np.abs(waves.samples[1]) > 4.9998)
-    assert np.abs(waves.films[1]).max() > 5.1
-
-
-def test_array_16_needs_five_nodes() -> None:
-    assert read_scene("array_16").nodes == 5
