@@ -8,7 +8,7 @@ from __future__ import annotations
 import math
 from collections.abc import Generator, Sequence
 from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
-from palpate.instrument.allocation.stopping import enough
-from palpate.instrument.allocation.table import Allocation, OutOfReach, RunOption, Table
+from palpate.instrument.allocation.repeated import Repeated
+from palpate.instrument.allocation.table import RunOption
 from palpate.instrument.calibration.films import (
     FEWEST,
     LOAD_CELL,
@@ -51,7 +51,7 @@ from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys, Outcome
 from palpate.procedures.measurements import columns
-from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, most_sets, reading_u, refusal
+from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, reading_u, repeated, wanted_of
 from palpate.procedures.measurements.settings import (
     DwellTime,
     Extrapolate,
@@ -166,95 +166,26 @@ REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class FilmRepeats:
-    """The load sets on each tooth that give the sensitivity of its films a tolerance.
+def lines_of(
+    design: Design, cell: LoadCellCalibration, loads: Sequence[float], frequencies: Sequence[float]
+) -> list[BudgetLine]:
+    """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
+    worst = max(film.scatter for film in design.films)
+    weakest = min(film.sensitivity for film in design.films) * min(loads)
+    share = 1 / math.sqrt(len(frequencies))
+    cell_u = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
+    return [
+        BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
+        BudgetLine(NOISE, share * 2 * noise_of(design) / weakest, RepeatUnit.SECOND),
+        BudgetLine(LOAD_CELL, cell_u, RepeatUnit.NOTHING, cell.degrees_of_freedom or math.inf),
+    ]
 
-    Attributes:
-        design: the sensor.
-        cell: calibration of the load cell.
-        loads: loads of one round, peak to peak [N].
-        frequencies: frequencies of the load [Hz], each of which has as many rounds.
-        dwell: dwell of a set [s].
-        tolerance: half-width of the 95 % interval of each film's sensitivity, relative.
-    """
 
-    design: Design
-    cell: LoadCellCalibration
-    loads: tuple[float, ...]
-    frequencies: tuple[float, ...]
-    dwell: float
-    tolerance: float
-
-    @cached_property
-    def allocation(self) -> Allocation:
-        """The plan for a tooth at one frequency, in whole rounds.
-
-        Raises:
-            RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
-        """
-        try:
-            way = RunOption(self.lines(), self.costs, self.dwell)
-            return Table.of([way], rounds=len(self.loads)).for_tolerance(self.tolerance)
-        except OutOfReach as error:
-            raise refusal(self.tolerance, "each film's sensitivity", error, REMEDIES) from None
-
-    def lines(self) -> list[BudgetLine]:
-        """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
-        worst = max(film.scatter for film in self.design.films)
-        weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
-        share = 1 / math.sqrt(len(self.frequencies))
-        cell_u = self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
-        return [
-            BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
-            BudgetLine(NOISE, share * 2 * noise_of(self.design) / weakest, RepeatUnit.SECOND),
-            BudgetLine(LOAD_CELL, cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
-        ]
-
-    @property
-    def costs(self) -> Costs:
-        """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
-        first = point_seconds(self.frequencies[0], self.dwell, first=True)
-        later = [point_seconds(frequency, self.dwell, first=False) for frequency in self.frequencies]
-        return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - self.dwell)
-
-    def most(self) -> int:
-        """The most load sets on a tooth at one frequency, in whole rounds."""
-        return most_sets(self.allocation, len(self.loads))
-
-    def has_enough(self, points: Sequence[PressedPoint]) -> bool:
-        """Whether the points of a tooth at one frequency are enough for each of its films."""
-        if not points or len(points) % len(self.loads):
-            return False
-        own = [number for number, film in enumerate(self.design.films) if points[0].tooth - 1 in film.teeth]
-        try:
-            return all(self._enough([p.voltages_V[number] / p.load_measured_N for p in points]) for number in own)
-        except RangeError:  # by the scatter that was found no time is enough
-            return True
-
-    def _enough(self, gains: Sequence[float]) -> bool:
-        sensitivity = 1 / math.sqrt(len(self.frequencies))
-        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation, sensitivity, [gains]).why)
-
-    def predicted(self) -> Predicted:
-        """What the run is predicted to take and to give; a plan for people."""
-        plan, teeth = self.allocation, len(self.design.teeth)
-        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
-        lines = [
-            f"wanted         {plus_minus(self.tolerance, 3)} of the sensitivity of each film",
-            f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
-            f"(person {MOUNTING * teeth:g} s)",
-            f"expected       {plus_minus(plan.half, 3)}",
-            binding(plan),
-        ]
-        loads = self.loads * (plan.sets // len(self.loads))
-        results = expected_sensitivities(self.design, loads, len(self.frequencies), self.dwell, self.cell)
-        told = {
-            RESULTS: [asdict(each) for each in results],
-            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "half": plan.half,
-                        "binds": plan.binds, "shares": plan.shares},
-        }  # fmt: skip
-        return Predicted(seconds, plan.u, told, lines)
+def costs_of(frequencies: Sequence[float], dwell: float) -> Costs:
+    """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
+    first = point_seconds(frequencies[0], dwell, first=True)
+    later = [point_seconds(frequency, dwell, first=False) for frequency in frequencies]
+    return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - dwell)
 
 
 # --- the procedure -------------------------------------------------------------------------------------
@@ -269,8 +200,11 @@ class PressStep(Step):
     load_N: float
 
 
+FilmPlan = Plan[PressStep, Repeated | None]
+
+
 @dataclass(frozen=True)
-class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | None]):
+class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]):
     """Calibrate the films against the load cell: press on one tooth after the other."""
 
     name = "calibrate-films"
@@ -316,12 +250,11 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads, self.extrapolate)
 
-    def plan(self, target: Target) -> Plan[PressStep, FilmRepeats | None]:
+    def plan(self, target: Target) -> FilmPlan:
         """All points: every load at every frequency on every tooth; with a tolerance, the most load sets."""
         cell = load_cell_of(target)
         if self.tolerance is not None:
-            loads, frequencies = tuple(self.loads), tuple(self.frequencies)
-            return self._repeated(FilmRepeats(target.design, cell, loads, frequencies, self.dwell, self.tolerance))
+            return self._repeated(target.design, cell, self.tolerance)
         teeth = range(1, len(target.design.teeth) + 1)
         sets = list(zip(self.loads, told_sets(self.loads), strict=True))
         steps = [
@@ -333,38 +266,61 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
         found = expected_sensitivities(target.design, self.loads, len(self.frequencies), self.dwell, cell)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def _repeated(self, repeats: FilmRepeats) -> Plan[PressStep, FilmRepeats | None]:
-        loads = [self.loads[number % len(self.loads)] for number in range(repeats.most())]
+    def _repeated(self, design: Design, cell: LoadCellCalibration, tolerance: float) -> FilmPlan:
+        """The most load sets on each tooth for a tolerance: all teeth and frequencies have as many."""
+        count, teeth, dwell = len(self.loads), len(design.teeth), self.dwell
+        way = RunOption(lines_of(design, cell, self.loads, self.frequencies), costs_of(self.frequencies, dwell), dwell)
+        (repeats,) = repeated({"": [way]}, tolerance, count, "each film's sensitivity", REMEDIES).values()
         steps = [
             self._step(n, f, load, f"{load:g} N, set {number}", first=f == self.frequencies[0] and number == 1)
-            for n in range(1, len(repeats.design.teeth) + 1)
+            for n in range(1, teeth + 1)
             for f in self.frequencies
-            for number, load in enumerate(loads, 1)
+            for number, load in enumerate((self.loads[number % count] for number in range(repeats.most)), 1)
         ]
-        return Plan(self.name, steps, repeats.predicted(), repeats)
+        plan = repeats.plan
+        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
+        lines = [
+            wanted_of("the sensitivity of each film", plus_minus(tolerance, 3)),
+            f"plan           {sets} load sets on each tooth, of {show(dwell, 's')}: {duration(seconds)} "
+            f"(person {MOUNTING * teeth:g} s)",
+            f"expected       {plus_minus(plan.half, 3)}",
+            binding(plan),
+        ]
+        loads = tuple(self.loads) * (plan.sets // count)
+        results = expected_sensitivities(design, loads, len(self.frequencies), dwell, cell)
+        told = {
+            RESULTS: [asdict(each) for each in results],
+            "planned": {"sets": sets, **plan.summary(), "seconds": seconds},
+        }
+        return Plan(self.name, steps, Predicted(seconds, plan.u, told, lines), repeats)
 
-    def course(
-        self, plan: Plan[PressStep, FilmRepeats | None], points: Sequence[PressedPoint], lab: Lab
-    ) -> Generator[int, None, str]:
-        """Each tooth ends at a frequency once it has the load sets that the tolerance needs."""
-        repeats = plan.basis
+    def course(self, plan: FilmPlan, points: Sequence[PressedPoint], lab: Lab) -> Generator[int, None, str]:
+        """Each tooth ends at a frequency once it has the load sets that the tolerance of each of its films needs."""
 
         def full(_step: PressStep, own: Sequence[PressedPoint]) -> bool:
-            return repeats is not None and repeats.has_enough(own)
+            return plan.basis is not None and self.has_enough(plan.basis, own, lab.design)
 
         return until_full(plan.steps, points, lambda step: (step.tooth, step.frequency_Hz), full)
+
+    def has_enough(self, repeats: Repeated, points: Sequence[PressedPoint], design: Design) -> bool:
+        """Whether the points of a tooth at one frequency are enough for each of its films."""
+        pressed = {point.tooth - 1 for point in points}
+        gains = [
+            [point.voltages_V[number] / point.load_measured_N for point in points]
+            for number, film in enumerate(design.films)
+            if pressed & {*film.teeth}
+        ]
+        return repeats.is_enough(len(points), *gains, sensitivity=1 / math.sqrt(len(self.frequencies)))
 
     def _step(self, tooth: int, frequency: float, load: float, load_text: str, first: bool) -> PressStep:
         what = f"tooth {tooth}, {frequency:g} Hz, {load_text}"
         seconds = point_seconds(frequency, self.dwell, first)
         return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
 
-    def begin(self, plan: Plan[PressStep, FilmRepeats | None], lab: Lab, record: Recorder) -> Pressing:
+    def begin(self, plan: FilmPlan, lab: Lab, record: Recorder) -> Pressing:
         return Pressing(lab, record, self)
 
-    def evaluate(
-        self, points: Sequence[PressedPoint], plan: Plan[PressStep, FilmRepeats | None], lab: Lab
-    ) -> FilmResult:
+    def evaluate(self, points: Sequence[PressedPoint], plan: FilmPlan, lab: Lab) -> FilmResult:
         readings = [
             FilmReading(
                 p.tooth - 1, p.frequency_Hz, p.load_N, p.load_measured_N, p.load_measured_u, np.array(p.voltages_V)
