@@ -330,7 +330,7 @@ class Procedure(ABC, Generic[S, P, R, B]):
         return self
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device. Raises RangeError, UnknownName."""
+        """Check the settings before anything is sent to a device. Raises UsageError, RangeError, UnknownName."""
 
     def required_loads(self) -> RequiredLoads | None:
         """The loads that the load cell's calibration must cover; None: there are none, or they are not known yet."""

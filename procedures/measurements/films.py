@@ -120,37 +120,6 @@ class FilmResult:
                                                "gain", "least_N", "greatest_N", "load_cell", "expires")}  # fmt: skip
 
 
-# --- What a calibration of the films is expected to give: the uncertainty of each film's sensitivity ---
-#
-# A film's gain scatters from load set to load set as the design says [M], noise is that of usual films [A], and each
-# load is off by its reading. The error of the load cell's curve is common to all points.
-
-
-def expected_sensitivities(
-    design: Design, loads: Sequence[float], frequencies: int, dwell: float, cell: LoadCellCalibration
-) -> list[Expected]:
-    """Relative uncertainty of each film's sensitivity.
-
-    Args:
-        design: design of the sensor.
-        loads: load of each load set on a tooth, peak to peak [N].
-        frequencies: how many frequencies they are taken at.
-        dwell: dwell of each point [s].
-        cell: calibration of the load cell.
-    """
-    common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
-    found = []
-    for film in design.films:
-        noise = [film_noise(film, load, dwell, noise_of(design)) for load in loads]
-        points = [
-            math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
-        ]
-        count = len(points) * frequencies * len(film.teeth)
-        scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
-        found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))
-    return found
-
-
 # --- A tolerance of each film's sensitivity: how often the loads are repeated on each tooth ------------
 #
 # The load sets on a tooth take the loads in turn, in whole rounds at each frequency. The first ones tell how much the
@@ -224,13 +193,6 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: there are fewer than three different loads, a load exceeds the force limit, a frequency or the
-                dwell is outside its limits, frequencies repeat, the validity is outside its limits, or the bench has
-                too few sensor nodes; no load set gives the tolerance.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         if len(set(self.loads)) < FEWEST:
             different = counted(len(set(self.loads)), "load") if self.loads else "no load"
@@ -263,8 +225,25 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]
             for frequency in self.frequencies
             for number, (load, told) in enumerate(sets)
         ]
-        found = expected_sensitivities(target.design, self.loads, len(self.frequencies), self.dwell, cell)
-        return Plan(self.name, steps, predicted(steps, found))
+        return Plan(self.name, steps, predicted(steps, self._expected(target.design, cell, self.loads)))
+
+    def _expected(self, design: Design, cell: LoadCellCalibration, loads: Sequence[float]) -> list[Expected]:
+        """Relative uncertainty of each film's sensitivity by load sets on each tooth at each frequency [N].
+
+        A film's gain scatters from load set to load set as the design says [M], noise is that of usual films [A], and
+        each load is off by its reading. The error of the load cell's curve is common to all points.
+        """
+        common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
+        found = []
+        for film in design.films:
+            noise = [film_noise(film, load, self.dwell, noise_of(design)) for load in loads]
+            points = [
+                math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
+            ]
+            count = len(points) * len(self.frequencies) * len(film.teeth)
+            scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
+            found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))
+        return found
 
     def _repeated(self, design: Design, cell: LoadCellCalibration, tolerance: float) -> FilmPlan:
         """The most load sets on each tooth for a tolerance: all teeth and frequencies have as many."""
@@ -287,9 +266,8 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]
             binding(plan),
         ]
         loads = tuple(self.loads) * (plan.sets // count)
-        results = expected_sensitivities(design, loads, len(self.frequencies), dwell, cell)
         told = {
-            RESULTS: [asdict(each) for each in results],
+            RESULTS: [asdict(each) for each in self._expected(design, cell, loads)],
             "planned": {"sets": sets, **plan.summary(), "seconds": seconds},
         }
         return Plan(self.name, steps, Predicted(seconds, plan.u, told, lines), repeats)

@@ -341,13 +341,6 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         return replace(self, loads=target.design.thesis_loads) if self.loads is None else self
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: a load exceeds the force limit, the frequency or the dwell is outside its limits, neither a
-                dwell nor repeated load sets give the tolerance, or the bench has too few sensor nodes.
-            UnknownName: there is no such sample.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         for sample in self.samples:
             get_sample(sample)

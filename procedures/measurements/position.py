@@ -187,37 +187,6 @@ TOUCH, PER_NEWTON = 15.7, 2.9  # s, and s/N of the load: from home until the pre
 Place = tuple[float, float]
 
 
-def expected_places(
-    design: Design, sample: Sample, places: Sequence[Place], load: float, dwell: float
-) -> list[Expected]:
-    """Standard uncertainty of each place by one load set [mm]; their names are those of the places.
-
-    Args:
-        design: design of the sensor.
-        sample: the sample.
-        places: places (x, y) of the point load [m].
-        load: load, peak to peak [N].
-        dwell: dwell of each point [s].
-    """
-    scatter = np.array(design.tooth_covariance)
-    found = []
-    for place in places:
-        noise = [u / math.sqrt(dwell) for u in share_noise(design, tooth_shares(design, sample, place), load)]
-        found.append(Expected(name_of(place[0]), 1e3 * _place_u(design, sample, place, noise, scatter), "mm"))
-    return found
-
-
-def place_seconds(frequency: float, dwell: float, load: float) -> float:
-    """Expected time of the first load set at a place, with the probe set there by a person [s].
-
-    Args:
-        frequency: frequency of the load [Hz].
-        dwell: dwell [s].
-        load: load, peak to peak [N].
-    """
-    return point_seconds(frequency, dwell, first=True) - APPROACH + TOUCH + PER_NEWTON * load
-
-
 def share_noise(design: Design, shares: Sequence[float], load: float) -> list[float]:
     """Standard uncertainty of each tooth's share by the noise of its films, after one second [√s].
 
@@ -236,7 +205,7 @@ def share_noise(design: Design, shares: Sequence[float], load: float) -> list[fl
 
 @functools.lru_cache(maxsize=1024)
 def lines_at(design: Design, sample: Sample, place: Place, load: float) -> tuple[BudgetLine, ...]:
-    """Lines of the uncertainty [m] of a place that load sets find. Arguments as for `expected_places`.
+    """Lines of the uncertainty [m] of a place that load sets find under a load, peak to peak [N].
 
     `locate` is no linear function of the shares. So a line is what it adds to ten load sets, the fewest that a
     tolerance has, beside the error of the table.
@@ -467,14 +436,6 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
     ] = None
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
-
-        Raises:
-            RangeError: too few positions, one off the sensor, a design without a table of point loads, a load beyond
-                the force limit in N, a frequency or dwell that gives no estimate, or too few sensor nodes; a tolerance
-                that no load sets reach, or a time that holds too few.
-            UnknownName: an unknown sample.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
@@ -499,9 +460,17 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
         if self._repeated:
             return self._of_repeats(target)
         steps = [self._step(position, self.dwell, 1) for position in self.positions]
-        places = [_at(target.design, position) for position in self.positions]
-        found = expected_places(target.design, get_sample(self.sample), places, self.load, self.dwell)
-        return Plan(self.name, steps, predicted(steps, found))
+        return Plan(self.name, steps, predicted(steps, self._expected(target.design)))
+
+    def _expected(self, design: Design) -> list[Expected]:
+        """Standard uncertainty of each place by one load set [mm]."""
+        sample, scatter, found = get_sample(self.sample), np.array(design.tooth_covariance), []
+        for position in self.positions:
+            place = _at(design, position)
+            shares = share_noise(design, tooth_shares(design, sample, place), self.load)
+            noise = [u / math.sqrt(self.dwell) for u in shares]
+            found.append(Expected(name_of(position), 1e3 * _place_u(design, sample, place, noise, scatter), "mm"))
+        return found
 
     @property
     def _repeated(self) -> bool:
@@ -512,7 +481,7 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
         design, sample = target.design, get_sample(self.sample)
         # Before each further set the drive goes off for a moment.
         later = point_seconds(self.frequency, STEP, first=False) + RELEASED / self.frequency
-        costs = Costs(place_seconds(self.frequency, STEP, self.load) - later, 0.0, later - STEP)
+        costs = Costs(self._first_seconds(STEP) - later, 0.0, later - STEP)
         lines = {x: lines_near(design, sample, x, self.load) for x in self.positions}
         plans = self._plans({x: options(each, costs, self.frequency) for x, each in lines.items()})
         repeats = {
@@ -565,10 +534,14 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
         """The tolerance for people; empty: there is none."""
         return "" if self.tolerance is None else f"± {mm(self.tolerance)}"
 
+    def _first_seconds(self, dwell: float) -> float:
+        """Expected time of the first load set at a place, with the probe set there by a person [s]."""
+        return point_seconds(self.frequency, dwell, first=True) - APPROACH + TOUCH + PER_NEWTON * self.load
+
     def _step(self, position: float, dwell: float, number: int) -> PositionStep:
         seconds = point_seconds(self.frequency, dwell, first=False)
         if number == 1:
-            seconds = place_seconds(self.frequency, dwell, self.load)
+            seconds = self._first_seconds(dwell)
             seconds += ONCE if position == self.positions[0] else 0.0
         what = show(position, "m") + (f", set {number}" if number > 1 else "")
         group = f"mount sample {self.sample}"

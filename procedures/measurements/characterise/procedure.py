@@ -382,14 +382,6 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: there are too few loads for a line, a load exceeds the force limit, the frequency, the dwell or
-                the drift time is outside its limits, or the bench has too few sensor nodes; no rounds of loads give the
-                tolerance, or the time holds none.
-            UnknownName: there is no such sample.
-        """
         get_sample(self.sample)
         check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < LEAST_LOADS:

@@ -440,16 +440,6 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
     ] = 0.0
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
-                the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
-                the limits of ISO 376; these loads, runs and positions are too few for a class; the tolerance cannot be
-                reached with these weights; the loads' uncertainty is no share from 0 to below 0.5.
-            UsageError: a class is given beside a tolerance.
-            UnknownName: there is no such class.
-        """
         loads = self.loads
         if bad := [load for load in loads if not 0 < load <= target.force_limit]:
             raise RangeError(

@@ -184,8 +184,7 @@ class Course:
         if not ratios:
             return None
         lines = [line for line in self._lines(ratios, 1.0, absolute=False) if line.name != CURVE]
-        by_time = self.wanted.tolerance is None or not self._for_tolerance_ended(ratios)
-        found = answer(lines, self.prospect.allocation, 1.0, ratios, by_time=by_time)
+        found = answer(lines, self.prospect.allocation, 1.0, ratios, by_time=self.wanted.tolerance is None)
         return answered(found.ratio, found.budget, self.question, self.prospect.found)
 
     def notes(self, points: Sequence[ModulusPoint]) -> tuple[str, ...]:
@@ -255,10 +254,6 @@ class Course:
             f"noise of the films was {told}, not {show(planned, 'V/√Hz', 2)}: with noise = {told!r} in the bench file"
             " the next plan has longer dwells"
         )
-
-    def _for_tolerance_ended(self, ratios: Ratios) -> bool:
-        """Whether the number of sets follows from the scatter of the first ones."""
-        return sum(map(len, ratios)) >= first_sets(self.prospect.allocation)
 
     def too_alike(self, ratios: Ratios) -> bool:
         """Whether the sets repeat far better than gains are known to scatter from set to set.
@@ -410,13 +405,6 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            UsageError: neither tolerance nor time is given.
-            RangeError: a setting is outside its limits.
-            UnknownName: there is no such model.
-        """
         if self.tolerance is None and self.time is None:
             raise UsageError("--tolerance or --time is missing: say how well, or how long, or both")
         if self.tolerance is not None:
