@@ -130,8 +130,15 @@ class Expected:
 
 def predicted(steps: Sequence[Step], results: Sequence[Expected], u: float | None = None) -> Predicted:
     """The prediction of a run by its steps and its results; `u`: None: the greatest relative uncertainty among them."""
-    told = {RESULTS: [asdict(each) for each in results]}
-    return Predicted(math.fsum(step.seconds_expected for step in steps), greatest(results) if u is None else u, told)
+    seconds = math.fsum(step.seconds_expected for step in steps)
+    return foreseen(seconds, greatest(results) if u is None else u, results)
+
+
+def foreseen(
+    seconds: float, u: float | None, results: Sequence[Expected], lines: Sequence[str] = (), **details: Any
+) -> Predicted:
+    """The prediction of a run with its results; the other arguments are as of `Predicted`."""
+    return Predicted(seconds, u, {RESULTS: [asdict(each) for each in results], **details}, lines)
 
 
 def expected_of(plan: Plan[Any]) -> list[Expected]:

@@ -7,7 +7,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import asdict, dataclass
+from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
@@ -34,15 +34,15 @@ from palpate.instrument.quantity import check_tolerance, counted, plus_minus, sh
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
+from palpate.procedures.engine.plan import Plan, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Finished,
     Measurement,
     Procedure,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
@@ -65,7 +65,7 @@ from palpate.procedures.records.columns import Column, gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.plan import duration
-from palpate.procedures.showing.text import new_table, percent, stamped
+from palpate.procedures.showing.text import new_table, stamped, uncertainty_line
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, told_sets
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.flags import causes
@@ -266,11 +266,9 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]
             binding(plan),
         ]
         loads = tuple(self.loads) * (plan.sets // count)
-        told = {
-            RESULTS: [asdict(each) for each in self._expected(design, cell, loads)],
-            "planned": {"sets": sets, **plan.summary(), "seconds": seconds},
-        }
-        return Plan(self.name, steps, Predicted(seconds, plan.u, told, lines), repeats)
+        planned = {"sets": sets, **plan.summary(), "seconds": seconds}
+        forecast = foreseen(seconds, plan.u, self._expected(design, cell, loads), lines, planned=planned)
+        return Plan(self.name, steps, forecast, repeats)
 
     def course(self, plan: FilmPlan, points: Sequence[PressedPoint], lab: Lab) -> Generator[int, None, str]:
         """Each tooth ends at a frequency once it has the load sets that the tolerance of each of its films needs."""
@@ -396,16 +394,10 @@ def show_films(result: FilmResult, design: Design, outcome: Outcome) -> list[obj
     return [
         *tables,
         *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
-        f"uncertainty    {plus_minus(result.reached)} of a sensitivity at most; u {percent(result.achieved_u)} %"
-        f"{_predicted(outcome)}",
+        uncertainty_line("a sensitivity", result.reached, result.achieved_u, outcome["predicted_u"]),
         f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
         f"stored in      {outcome['film_calibration_file']}",
     ]
-
-
-def _predicted(outcome: Outcome) -> str:
-    u = outcome["predicted_u"]
-    return "" if u is None else f" (predicted {percent(u)} %)"
 
 
 def _rigid(design: Design) -> list[str]:

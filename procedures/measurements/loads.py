@@ -33,13 +33,13 @@ from palpate.instrument.sensor.sample import get_sample, parse_samples
 from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width
 from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
+from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Measurement,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
@@ -407,13 +407,11 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
             f"expected       {plus_minus(worst.half, 3)} at most",
             binding(worst),
         ]
-        told = {
-            RESULTS: [asdict(Expected(ratio_of(sample), plan.u)) for sample, plan in plans.items()],
-            "tolerance_for": "mean",
-            "planned": {s: {"sets": plan.sets, "dwell_s": plan.dwell, **plan.summary()} for s, plan in plans.items()},
-        }
-        predicted = Predicted(seconds, max(plan.u for plan in plans.values()), told, lines)
-        return Plan(self.name, steps, predicted, repeats)
+        results = [Expected(ratio_of(sample), plan.u) for sample, plan in plans.items()]
+        planned = {s: {"sets": plan.sets, "dwell_s": plan.dwell, **plan.summary()} for s, plan in plans.items()}
+        u = max(plan.u for plan in plans.values())
+        forecast = foreseen(seconds, u, results, lines, tolerance_for="mean", planned=planned)
+        return Plan(self.name, steps, forecast, repeats)
 
     def course(self, plan: LoadPlan, points: Sequence[LoadPoint], lab: Lab) -> Generator[int, None, str]:
         """Each sample ends once it has the load sets that the tolerance of its mean needs."""

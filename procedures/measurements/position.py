@@ -28,13 +28,13 @@ from palpate.instrument.sensor.sample import Sample, get_sample
 from palpate.instrument.signals.dwell import STEP
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, coverage_factor
-from palpate.procedures.engine.plan import APPROACH, Plan, Predicted, Step, noise_of, point_seconds
+from palpate.procedures.engine.plan import APPROACH, Plan, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Measurement,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
@@ -503,15 +503,13 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
             f"expected       ± {mm(plan.half)} at most, at {mm(worst)}",
             f"{binding(plan)} there",
         ]
-        details = {
-            RESULTS: [asdict(Expected(name_of(x), 1e3 * one.u, "mm")) for x, one in plans.items()],
-            "planned": [
-                {"position_mm": 1e3 * x, "sets": one.sets, "dwell_s": one.dwell, "seconds": one.seconds,
-                 "u_mm": 1e3 * one.u, "half_mm": 1e3 * one.half, "binds": one.binds, "shares": one.shares}
-                for x, one in plans.items()
-            ],
-        }  # fmt: skip
-        return Plan(self.name, steps, Predicted(seconds, None, details, lines_told), repeats)
+        results = [Expected(name_of(x), 1e3 * one.u, "mm") for x, one in plans.items()]
+        planned = [
+            {"position_mm": 1e3 * x, "sets": one.sets, "dwell_s": one.dwell, "seconds": one.seconds,
+             "u_mm": 1e3 * one.u, "half_mm": 1e3 * one.half, "binds": one.binds, "shares": one.shares}
+            for x, one in plans.items()
+        ]  # fmt: skip
+        return Plan(self.name, steps, foreseen(seconds, None, results, lines_told, planned=planned), repeats)
 
     def _plans(self, ways: Mapping[float, Sequence[RunOption]]) -> dict[float, Allocation]:
         """The plan of each position.

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from functools import partial
 from typing import Annotated
 
@@ -28,12 +28,12 @@ from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (
     RELATIVE,
-    RESULTS,
     Expected,
     Measurement,
     Procedure,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
@@ -487,11 +487,8 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             f"               of each {SNR} {most(SNR):.2g} dB",
             binding(plan),
         ]
-        told = {
-            RESULTS: [asdict(each) for each in figures],
-            "planned": {"rounds": rounds, "sets": plan.sets, **plan.summary()},
-        }
-        return Predicted(plan.seconds, plan.u, told, lines)
+        planned = {"rounds": rounds, "sets": plan.sets, **plan.summary()}
+        return foreseen(plan.seconds, plan.u, figures, lines, planned=planned)
 
     @property
     def _told(self) -> str:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import Annotated, TypeVar
@@ -23,15 +23,15 @@ from palpate.instrument.models.response import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
-from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, noise_of
+from palpate.procedures.engine.plan import Plan, Step, expected_noise, noise_of
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Finished,
     Measurement,
     Procedure,
     Report,
     RequiredLoads,
+    foreseen,
 )
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, references_on, with_films
@@ -529,14 +529,13 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         offered = plans.alternatives(prospect)
         told = {
-            RESULTS: [asdict(each) for each in results],
             "planned": prospect.summary(),
             "mounting_scatter": wanted.mounted,
             "mounting_scatter_freedom": None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom,
             "alternatives": [each.summary() for each in offered],
         }
         lines = [*planned_lines(wanted, prospect), *worth_lines(offered)]
-        return Plan(self.name, steps, Predicted(prospect.times.mean, u, told, lines), course)
+        return Plan(self.name, steps, foreseen(prospect.times.mean, u, results, lines, **told), course)
 
     def begin(self, plan: Plan[Step, Course], lab: Lab, record: Recorder) -> Measuring:
         return Measuring(lab, record, plan.basis, self.object)
