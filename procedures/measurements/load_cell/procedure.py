@@ -211,49 +211,6 @@ def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
     return tuple(weights[number] for number in numbers)
 
 
-def _refusal(
-    tolerance: float,
-    degree: int | None,
-    cell: LoadCellCalibration,
-    loads_u: float,
-    error: OutOfReach,
-    loads: Sequence[float],
-) -> RangeError:
-    """The refusal of a tolerance that no number of runs reaches, by the loads that come nearest to it [N]."""
-    whole, wanted = error.floor / NORMAL_FACTOR, tolerance / NORMAL_FACTOR
-    told = f"--tolerance {share(tolerance, 3)} cannot be reached: "
-    best = f"best now  --tolerance '{reachable(error.best)}'"
-    if wanted <= loads_u:
-        lines = [
-            f"{told}--loads-u {share(loads_u, 3)} leaves {plus_minus(NORMAL_FACTOR * loads_u, 3)}, which no run lowers",
-            best,
-            "or        weights of a better class, or the local gravity, and a smaller --loads-u",
-        ]
-        return RangeError("\n  ".join(lines))
-    if error.floor < tolerance:
-        return RangeError(f"{told}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
-    rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
-    apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), degree or 1) / cell.sensitivity_mV_per_N
-    left, free = (math.sqrt(u**2 - loads_u**2) for u in (whole, wanted))  # by the display alone
-    heavier = (loads[-1] - loads[0]) * left / free + loads[0]
-    alone = NORMAL_FACTOR * math.hypot(apart, loads_u)
-    lines = [
-        f"{told}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
-        f"{f', and --loads-u {share(loads_u, 3)}' if loads_u else ''}: the display of "
-        f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
-        best,
-        f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
-        "or        an indicator with finer steps",
-    ]
-    if error.floor > ALIKE * alone:
-        lines.append(
-            f"or        {plus_minus(alone, 3)} by weights that are rounded independently: these are"
-            " nearly whole steps of the display apart, and rounded alike"
-        )
-    lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")
-    return RangeError("\n  ".join(lines))
-
-
 # --- The bench work of a load-cell calibration: reads the load cell under one weight after the other ---
 
 RECOVERY = 300.0  # s without load before the creep test, so that the creep of the runs is gone
@@ -523,8 +480,47 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
                 refused.append((error, loads))
         if not found:
             nearest = min(refused, key=lambda each: each[0].best)
-            raise _refusal(tolerance, self.degree, cell, self.loads_u, *nearest)
+            raise self._refusal(tolerance, cell, *nearest)
         return min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
+
+    def _refusal(
+        self, tolerance: float, cell: LoadCellCalibration, error: OutOfReach, loads: Sequence[float]
+    ) -> RangeError:
+        """The refusal of a tolerance that no number of runs reaches, by the loads that come nearest to it [N]."""
+        loads_u = self.loads_u
+        whole, wanted = error.floor / NORMAL_FACTOR, tolerance / NORMAL_FACTOR
+        told = f"--tolerance {share(tolerance, 3)} cannot be reached: "
+        best = f"best now  --tolerance '{reachable(error.best)}'"
+        if wanted <= loads_u:
+            left_by_loads = plus_minus(NORMAL_FACTOR * loads_u, 3)
+            lines = [
+                f"{told}--loads-u {share(loads_u, 3)} leaves {left_by_loads}, which no run lowers",
+                best,
+                "or        weights of a better class, or the local gravity, and a smaller --loads-u",
+            ]
+            return RangeError("\n  ".join(lines))
+        if error.floor < tolerance:
+            return RangeError(f"{told}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
+        rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
+        apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), self.degree or 1) / cell.sensitivity_mV_per_N
+        left, free = (math.sqrt(u**2 - loads_u**2) for u in (whole, wanted))  # by the display alone
+        heavier = (loads[-1] - loads[0]) * left / free + loads[0]
+        alone = NORMAL_FACTOR * math.hypot(apart, loads_u)
+        lines = [
+            f"{told}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
+            f"{f', and --loads-u {share(loads_u, 3)}' if loads_u else ''}: the display of "
+            f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
+            best,
+            f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
+            "or        an indicator with finer steps",
+        ]
+        if error.floor > ALIKE * alone:
+            lines.append(
+                f"or        {plus_minus(alone, 3)} by weights that are rounded independently: these are"
+                " nearly whole steps of the display apart, and rounded alike"
+            )
+        lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")
+        return RangeError("\n  ".join(lines))
 
     def _planned(
         self, tolerance: float, loads: tuple[float, ...], lines_by: Callable[[int], list[BudgetLine]]
