@@ -20,6 +20,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeSets
 from palpate.procedures.measurements.characterise.report import FilmsPoint
+from palpate.procedures.measurements.prospects import ended_by
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -87,6 +88,8 @@ def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
     left = 160.0 - asked.after
     assert not asked.has_enough(sets, rounds(1, 0.02, (left - 20) / 3))
     assert asked.has_enough(sets, rounds(1, 0.02, (left - 2) / 3))
+    ended = ended_by("round of loads", "", asked.time, "")
+    assert ended == "another round of loads would not have ended within 160 s"
 
 
 def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:
