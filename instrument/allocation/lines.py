@@ -125,6 +125,11 @@ def budget(lines: Sequence[BudgetLine], mountings: float, sets: float, dwell: fl
     return Budget("relative deviation", 0.0, "1", inputs, shared, prior)
 
 
+def falling(lines: Sequence[BudgetLine]) -> list[BudgetLine]:
+    """Those of the lines that more sets or mountings lower."""
+    return [line for line in lines if line.per is not RepeatUnit.NOTHING]
+
+
 def half_widths(lines: Sequence[BudgetLine], mountings: Floats, each: Floats, dwell: float, of_sets: Floats) -> Floats:
     """Half-widths of the 95 % interval of the answer, relative, of many plans at once.
 

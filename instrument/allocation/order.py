@@ -17,7 +17,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from itertools import combinations
 
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
+from palpate.instrument.allocation.lines import BudgetLine, Costs, budget, falling
 from palpate.instrument.allocation.stopping import pooled
 from palpate.instrument.allocation.table import Allocation, allocation
 from palpate.instrument.uncertainty.budget import COVERAGE
@@ -188,9 +188,9 @@ def what_it_takes(
     Arguments as `needed`; `costs`: bench times.
     """
     factor = _factor(family, family.most) + _quantile(POWER, math.inf)
-    falling = [line for line in lines if line.per is not RepeatUnit.NOTHING]
-    free = (gap / (math.sqrt(2) * factor)) ** 2 - math.fsum(line.u**2 for line in lines if line not in falling)
-    sets = budget(falling, 1, 1, dwell).u ** 2 / free if free > 0 else math.inf
+    lowered = falling(lines)
+    free = (gap / (math.sqrt(2) * factor)) ** 2 - math.fsum(line.u**2 for line in lines if line not in lowered)
+    sets = budget(lowered, 1, 1, dwell).u ** 2 / free if free > 0 else math.inf
     return allocation(lines, costs, 1, max(1, math.ceil(sets)), dwell) if sets <= MOST_TOLD else None
 
 

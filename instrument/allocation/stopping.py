@@ -20,7 +20,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, half_widths, halves_of
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, falling, half_widths, halves_of
 from palpate.instrument.allocation.table import (
     FIRST,
     MOST_MOUNTINGS,
@@ -235,8 +235,7 @@ def _weights(lines: Sequence[BudgetLine], dwell: float, sets: Sequence[int]) -> 
     """Weights of the means of mountings with so many sets, by the variance of each mean; equal for as many sets."""
     if len({*sets}) == 1:
         return [1 / len(sets)] * len(sets)
-    falling = [line for line in lines if line.per is not RepeatUnit.NOTHING]
-    inverse = [1 / budget(falling, 1, number, dwell).u ** 2 for number in sets]
+    inverse = [1 / budget(falling(lines), 1, number, dwell).u ** 2 for number in sets]
     return [each / math.fsum(inverse) for each in inverse]
 
 

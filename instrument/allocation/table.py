@@ -13,7 +13,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Iterable, Sequence
 from dataclasses import dataclass, replace
-from typing import Self
+from typing import Any, Self
 
 import numpy as np
 import numpy.typing as npt
@@ -78,6 +78,10 @@ class Allocation:
     binds: str
     mean: float = math.nan
     load: float = 0.0
+
+    def summary(self) -> dict[str, Any]:
+        """What it takes and gives, for JSON."""
+        return {name: getattr(self, name) for name in ("seconds", "u", "half", "binds", "shares")}
 
 
 class OutOfReach(RangeError):

@@ -130,8 +130,15 @@ class Expected:
 
 def predicted(steps: Sequence[Step], results: Sequence[Expected], u: float | None = None) -> Predicted:
     """The prediction of a run by its steps and its results; `u`: None: the greatest relative uncertainty among them."""
-    content = {RESULTS: [asdict(each) for each in results]}
-    return Predicted(math.fsum(step.seconds_expected for step in steps), greatest(results) if u is None else u, content)
+    seconds = math.fsum(step.seconds_expected for step in steps)
+    return foreseen(seconds, greatest(results) if u is None else u, results)
+
+
+def foreseen(
+    seconds: float, u: float | None, results: Sequence[Expected], lines: Sequence[str] = (), **details: Any
+) -> Predicted:
+    """The prediction of a run with its results; the other arguments are as of `Predicted`."""
+    return Predicted(seconds, u, {RESULTS: [asdict(each) for each in results], **details}, lines)
 
 
 def expected_of(plan: Plan[Any]) -> list[Expected]:
@@ -330,7 +337,7 @@ class Procedure(ABC, Generic[S, P, R, B]):
         return self
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device. Raises RangeError, UnknownName."""
+        """Check the settings before anything is sent to a device. Raises UsageError, RangeError, UnknownName."""
 
     def required_loads(self) -> RequiredLoads | None:
         """The loads that the load cell's calibration must cover; None: there are none, or they are not known yet."""

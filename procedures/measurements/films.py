@@ -7,8 +7,8 @@ from __future__ import annotations
 
 import math
 from collections.abc import Generator, Sequence
-from dataclasses import asdict, dataclass
-from functools import cached_property, partial
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Annotated, Any
 
@@ -17,8 +17,8 @@ import numpy.typing as npt
 
 from palpate.drivers.roles import SensorNode
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
-from palpate.instrument.allocation.stopping import enough
-from palpate.instrument.allocation.table import Allocation, OutOfReach, RunOption, Table
+from palpate.instrument.allocation.repeated import Repeated
+from palpate.instrument.allocation.table import RunOption
 from palpate.instrument.calibration.films import (
     FEWEST,
     LOAD_CELL,
@@ -34,15 +34,15 @@ from palpate.instrument.quantity import check_tolerance, counted, plus_minus, sh
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
+from palpate.procedures.engine.plan import Plan, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Finished,
     Measurement,
     Procedure,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
@@ -51,7 +51,7 @@ from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys, Outcome
 from palpate.procedures.measurements import columns
-from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, most_sets, reading_u, refusal
+from palpate.procedures.measurements.prospects import binding, film_noise, load_cell_of, reading_u, repeated, wanted_of
 from palpate.procedures.measurements.settings import (
     DwellTime,
     Extrapolate,
@@ -65,7 +65,7 @@ from palpate.procedures.records.columns import Column, gathered
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.plan import duration
-from palpate.procedures.showing.text import new_table, percent, stamped
+from palpate.procedures.showing.text import new_table, stamped, uncertainty_line
 from palpate.procedures.steps.checks import check_force, check_frequency, check_increasing, check_time, set_names
 from palpate.procedures.steps.films import check_nodes
 from palpate.procedures.steps.flags import causes
@@ -120,37 +120,6 @@ class FilmResult:
                                                "gain", "least_N", "greatest_N", "load_cell", "expires")}  # fmt: skip
 
 
-# --- What a calibration of the films is expected to give: the uncertainty of each film's sensitivity ---
-#
-# A film's gain scatters from load set to load set as the design says [M], noise is that of usual films [A], and each
-# load is off by its reading. The error of the load cell's curve is common to all points.
-
-
-def expected_sensitivities(
-    design: Design, loads: Sequence[float], frequencies: int, dwell: float, cell: LoadCellCalibration
-) -> list[Expected]:
-    """Relative uncertainty of each film's sensitivity.
-
-    Args:
-        design: design of the sensor.
-        loads: load of each load set on a tooth, peak to peak [N].
-        frequencies: how many frequencies they are taken at.
-        dwell: dwell of each point [s].
-        cell: calibration of the load cell.
-    """
-    common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
-    found = []
-    for film in design.films:
-        noise = [film_noise(film, load, dwell, noise_of(design)) for load in loads]
-        points = [
-            math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
-        ]
-        count = len(points) * frequencies * len(film.teeth)
-        scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
-        found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))
-    return found
-
-
 # --- A tolerance of each film's sensitivity: how often the loads are repeated on each tooth ------------
 #
 # The load sets on a tooth take the loads in turn, in whole rounds at each frequency. The first ones tell how much the
@@ -166,95 +135,26 @@ REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class FilmRepeats:
-    """The load sets on each tooth that give the sensitivity of its films a tolerance.
+def lines_of(
+    design: Design, cell: LoadCellCalibration, loads: Sequence[float], frequencies: Sequence[float]
+) -> list[BudgetLine]:
+    """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
+    worst = max(film.scatter for film in design.films)
+    weakest = min(film.sensitivity for film in design.films) * min(loads)
+    share = 1 / math.sqrt(len(frequencies))
+    cell_u = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
+    return [
+        BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
+        BudgetLine(NOISE, share * 2 * noise_of(design) / weakest, RepeatUnit.SECOND),
+        BudgetLine(LOAD_CELL, cell_u, RepeatUnit.NOTHING, cell.degrees_of_freedom or math.inf),
+    ]
 
-    Attributes:
-        design: the sensor.
-        cell: calibration of the load cell.
-        loads: loads of one round, peak to peak [N].
-        frequencies: frequencies of the load [Hz], each of which has as many rounds.
-        dwell: dwell of a set [s].
-        tolerance: half-width of the 95 % interval of each film's sensitivity, relative.
-    """
 
-    design: Design
-    cell: LoadCellCalibration
-    loads: tuple[float, ...]
-    frequencies: tuple[float, ...]
-    dwell: float
-    tolerance: float
-
-    @cached_property
-    def allocation(self) -> Allocation:
-        """The plan for a tooth at one frequency, in whole rounds.
-
-        Raises:
-            RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
-        """
-        try:
-            way = RunOption(self.lines(), self.costs, self.dwell)
-            return Table.of([way], rounds=len(self.loads)).for_tolerance(self.tolerance)
-        except OutOfReach as error:
-            raise refusal(self.tolerance, "each film's sensitivity", error, REMEDIES) from None
-
-    def lines(self) -> list[BudgetLine]:
-        """Lines of the sensitivity of a film by the sets of one frequency; each frequency tells as much of it."""
-        worst = max(film.scatter for film in self.design.films)
-        weakest = min(film.sensitivity for film in self.design.films) * min(self.loads)
-        share = 1 / math.sqrt(len(self.frequencies))
-        cell_u = self.cell.mean_curve_u(np.asarray(self.loads, dtype=np.float64))
-        return [
-            BudgetLine(REPEATS, share * worst, RepeatUnit.SET, PRIOR_FREEDOM),
-            BudgetLine(NOISE, share * 2 * noise_of(self.design) / weakest, RepeatUnit.SECOND),
-            BudgetLine(LOAD_CELL, cell_u, RepeatUnit.NOTHING, self.cell.degrees_of_freedom or math.inf),
-        ]
-
-    @property
-    def costs(self) -> Costs:
-        """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
-        first = point_seconds(self.frequencies[0], self.dwell, first=True)
-        later = [point_seconds(frequency, self.dwell, first=False) for frequency in self.frequencies]
-        return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - self.dwell)
-
-    def most(self) -> int:
-        """The most load sets on a tooth at one frequency, in whole rounds."""
-        return most_sets(self.allocation, len(self.loads))
-
-    def has_enough(self, points: Sequence[PressedPoint]) -> bool:
-        """Whether the points of a tooth at one frequency are enough for each of its films."""
-        if not points or len(points) % len(self.loads):
-            return False
-        own = [number for number, film in enumerate(self.design.films) if points[0].tooth - 1 in film.teeth]
-        try:
-            return all(self._enough([p.voltages_V[number] / p.load_measured_N for p in points]) for number in own)
-        except RangeError:  # by the scatter that was found no time is enough
-            return True
-
-    def _enough(self, gains: Sequence[float]) -> bool:
-        sensitivity = 1 / math.sqrt(len(self.frequencies))
-        return bool(enough(self.lines(), self.costs, self.tolerance, self.allocation, sensitivity, [gains]).why)
-
-    def predicted(self) -> Predicted:
-        """What the run is predicted to take and to give; a plan for people."""
-        plan, teeth = self.allocation, len(self.design.teeth)
-        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
-        lines = [
-            f"wanted         {plus_minus(self.tolerance, 3)} of the sensitivity of each film",
-            f"plan           {sets} load sets on each tooth, of {show(self.dwell, 's')}: {duration(seconds)} "
-            f"(person {MOUNTING * teeth:g} s)",
-            f"expected       {plus_minus(plan.half, 3)}",
-            binding(plan),
-        ]
-        loads = self.loads * (plan.sets // len(self.loads))
-        results = expected_sensitivities(self.design, loads, len(self.frequencies), self.dwell, self.cell)
-        told = {
-            RESULTS: [asdict(each) for each in results],
-            "planned": {"sets": sets, "seconds": seconds, "u": plan.u, "half": plan.half,
-                        "binds": plan.binds, "shares": plan.shares},
-        }  # fmt: skip
-        return Predicted(seconds, plan.u, told, lines)
+def costs_of(frequencies: Sequence[float], dwell: float) -> Costs:
+    """Bench times of a tooth at one frequency, on average; it is pressed once, at the first frequency."""
+    first = point_seconds(frequencies[0], dwell, first=True)
+    later = [point_seconds(frequency, dwell, first=False) for frequency in frequencies]
+    return Costs((first - later[0]) / len(later), 0.0, math.fsum(later) / len(later) - dwell)
 
 
 # --- the procedure -------------------------------------------------------------------------------------
@@ -269,8 +169,11 @@ class PressStep(Step):
     load_N: float
 
 
+FilmPlan = Plan[PressStep, Repeated | None]
+
+
 @dataclass(frozen=True)
-class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | None]):
+class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]):
     """Calibrate the films against the load cell: press on one tooth after the other."""
 
     name = "calibrate-films"
@@ -290,13 +193,6 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: there are fewer than three different loads, a load exceeds the force limit, a frequency or the
-                dwell is outside its limits, frequencies repeat, the validity is outside its limits, or the bench has
-                too few sensor nodes; no load set gives the tolerance.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         if len(set(self.loads)) < FEWEST:
             different = counted(len(set(self.loads)), "load") if self.loads else "no load"
@@ -316,12 +212,11 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads, self.extrapolate)
 
-    def plan(self, target: Target) -> Plan[PressStep, FilmRepeats | None]:
+    def plan(self, target: Target) -> FilmPlan:
         """All points: every load at every frequency on every tooth; with a tolerance, the most load sets."""
         cell = load_cell_of(target)
         if self.tolerance is not None:
-            loads, frequencies = tuple(self.loads), tuple(self.frequencies)
-            return self._repeated(FilmRepeats(target.design, cell, loads, frequencies, self.dwell, self.tolerance))
+            return self._repeated(target.design, cell, self.tolerance)
         teeth = range(1, len(target.design.teeth) + 1)
         sets = list(zip(self.loads, set_names(self.loads), strict=True))
         steps = [
@@ -330,41 +225,78 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, FilmRepeats | No
             for frequency in self.frequencies
             for number, (load, told) in enumerate(sets)
         ]
-        found = expected_sensitivities(target.design, self.loads, len(self.frequencies), self.dwell, cell)
-        return Plan(self.name, steps, predicted(steps, found))
+        return Plan(self.name, steps, predicted(steps, self._expected(target.design, cell, self.loads)))
 
-    def _repeated(self, repeats: FilmRepeats) -> Plan[PressStep, FilmRepeats | None]:
-        loads = [self.loads[number % len(self.loads)] for number in range(repeats.most())]
+    def _expected(self, design: Design, cell: LoadCellCalibration, loads: Sequence[float]) -> list[Expected]:
+        """Relative uncertainty of each film's sensitivity by load sets on each tooth at each frequency [N].
+
+        A film's gain scatters from load set to load set as the design says [M], noise is that of usual films [A], and
+        each load is off by its reading. The error of the load cell's curve is common to all points.
+        """
+        common = cell.mean_curve_u(np.asarray(loads, dtype=np.float64))
+        found = []
+        for film in design.films:
+            noise = [film_noise(film, load, self.dwell, noise_of(design)) for load in loads]
+            points = [
+                math.hypot(film.scatter, each, reading_u(cell, load)) for each, load in zip(noise, loads, strict=True)
+            ]
+            count = len(points) * len(self.frequencies) * len(film.teeth)
+            scatter = math.sqrt(math.fsum(u**2 for u in points) / len(points) / count)
+            found.append(Expected(f"sensitivity of film {film.name}", math.hypot(scatter, common)))
+        return found
+
+    def _repeated(self, design: Design, cell: LoadCellCalibration, tolerance: float) -> FilmPlan:
+        """The most load sets on each tooth for a tolerance: all teeth and frequencies have as many."""
+        count, teeth, dwell = len(self.loads), len(design.teeth), self.dwell
+        way = RunOption(lines_of(design, cell, self.loads, self.frequencies), costs_of(self.frequencies, dwell), dwell)
+        (repeats,) = repeated({"": [way]}, tolerance, count, "each film's sensitivity", REMEDIES).values()
         steps = [
             self._step(n, f, load, f"{load:g} N, set {number}", first=f == self.frequencies[0] and number == 1)
-            for n in range(1, len(repeats.design.teeth) + 1)
+            for n in range(1, teeth + 1)
             for f in self.frequencies
-            for number, load in enumerate(loads, 1)
+            for number, load in enumerate((self.loads[number % count] for number in range(repeats.most)), 1)
         ]
-        return Plan(self.name, steps, repeats.predicted(), repeats)
+        plan = repeats.plan
+        sets, seconds = plan.sets * len(self.frequencies), plan.seconds * teeth * len(self.frequencies)
+        lines = [
+            wanted_of("the sensitivity of each film", plus_minus(tolerance, 3)),
+            f"plan           {sets} load sets on each tooth, of {show(dwell, 's')}: {duration(seconds)} "
+            f"(person {MOUNTING * teeth:g} s)",
+            f"expected       {plus_minus(plan.half, 3)}",
+            binding(plan),
+        ]
+        loads = tuple(self.loads) * (plan.sets // count)
+        planned = {"sets": sets, **plan.summary(), "seconds": seconds}
+        forecast = foreseen(seconds, plan.u, self._expected(design, cell, loads), lines, planned=planned)
+        return Plan(self.name, steps, forecast, repeats)
 
-    def course(
-        self, plan: Plan[PressStep, FilmRepeats | None], points: Sequence[PressedPoint], lab: Lab
-    ) -> Generator[int, None, str]:
-        """Each tooth ends at a frequency once it has the load sets that the tolerance needs."""
-        repeats = plan.basis
+    def course(self, plan: FilmPlan, points: Sequence[PressedPoint], lab: Lab) -> Generator[int, None, str]:
+        """Each tooth ends at a frequency once it has the load sets that the tolerance of each of its films needs."""
 
         def full(_step: PressStep, own: Sequence[PressedPoint]) -> bool:
-            return repeats is not None and repeats.has_enough(own)
+            return plan.basis is not None and self.has_enough(plan.basis, own, lab.design)
 
         return until_full(plan.steps, points, lambda step: (step.tooth, step.frequency_Hz), full)
+
+    def has_enough(self, repeats: Repeated, points: Sequence[PressedPoint], design: Design) -> bool:
+        """Whether the points of a tooth at one frequency are enough for each of its films."""
+        pressed = {point.tooth - 1 for point in points}
+        gains = [
+            [point.voltages_V[number] / point.load_measured_N for point in points]
+            for number, film in enumerate(design.films)
+            if pressed & {*film.teeth}
+        ]
+        return repeats.is_enough(len(points), *gains, sensitivity=1 / math.sqrt(len(self.frequencies)))
 
     def _step(self, tooth: int, frequency: float, load: float, load_text: str, first: bool) -> PressStep:
         what = f"tooth {tooth}, {frequency:g} Hz, {load_text}"
         seconds = point_seconds(frequency, self.dwell, first)
         return PressStep(self.dwell, seconds, None, tooth, frequency, load, what=what, group=f"press tooth {tooth}")
 
-    def begin(self, plan: Plan[PressStep, FilmRepeats | None], lab: Lab, record: Recorder) -> Pressing:
+    def begin(self, plan: FilmPlan, lab: Lab, record: Recorder) -> Pressing:
         return Pressing(lab, record, self)
 
-    def evaluate(
-        self, points: Sequence[PressedPoint], plan: Plan[PressStep, FilmRepeats | None], lab: Lab
-    ) -> FilmResult:
+    def evaluate(self, points: Sequence[PressedPoint], plan: FilmPlan, lab: Lab) -> FilmResult:
         readings = [
             FilmReading(
                 p.tooth - 1, p.frequency_Hz, p.load_N, p.load_measured_N, p.load_measured_u, np.array(p.voltages_V)
@@ -462,16 +394,10 @@ def show_films(result: FilmResult, design: Design, outcome: Outcome) -> list[obj
     return [
         *tables,
         *([f"extrapolated   {counted(outside, 'point')} outside the load cell's calibrated range"] if outside else []),
-        f"uncertainty    {plus_minus(result.reached)} of a sensitivity at most; u {percent(result.achieved_u)} %"
-        f"{_predicted(outcome)}",
+        uncertainty_line("a sensitivity", result.reached, result.achieved_u, outcome["predicted_u"]),
         f"loads          {c.least_N:g} to {c.greatest_N:g} N peak to peak, until {c.expires}",
         f"stored in      {outcome['film_calibration_file']}",
     ]
-
-
-def _predicted(outcome: Outcome) -> str:
-    u = outcome["predicted_u"]
-    return "" if u is None else f" (predicted {percent(u)} %)"
 
 
 def _rigid(design: Design) -> list[str]:

@@ -166,45 +166,6 @@ def _of_points(u: float) -> Component:
     return Component("points of the sweep", u)
 
 
-# --- What a frequency sweep is expected to give: the corner of each film and its gain above it ---------
-#
-# Both come from the fit of the sweep itself, for gains without an error of their own. A film's gain scatters as the
-# design says [M], noise is that of usual films [A], and the corner is that of usual charge amplifiers [A]. No
-# resonance is expected: whether the sweep shows one is for the run to tell.
-
-
-def expected_corners(
-    design: Design,
-    ratio: float,
-    frequencies: Sequence[float],
-    dwells: Sequence[float],
-    load: float,
-    cell: LoadCellCalibration,
-) -> list[Expected]:
-    """Relative uncertainties of each film's corner and gain; none for a film whose corner the sweep would not show.
-
-    Args:
-        design: design of the sensor.
-        ratio: expected force ratio of the sample.
-        frequencies: frequencies of the points [Hz].
-        dwells: dwell of each [s].
-        load: load, peak to peak [N].
-        cell: calibration of the load cell.
-    """
-    curve_u = cell.mean_curve_u(np.array([load]))
-    corner = 1 / (2 * math.pi * CHARGE_AMPLIFIER)
-    passed = np.exp(high_pass(np.asarray(frequencies, dtype=np.float64), 0.0, corner))
-    found = []
-    for film in design.films:
-        noise = film_noise(film, load_on(design, film, ratio, load), 1.0, noise_of(design)) / np.sqrt(dwells) / passed
-        u = np.sqrt(film.scatter**2 + noise**2 + reading_u(cell, load) ** 2)
-        fitted = fit_corner(frequencies, passed, passed * u)
-        if fitted is not None:
-            found.append(Expected(f"corner of film {film.name}", fitted.corner_u / fitted.corner_Hz))
-            found.append(Expected(f"gain of film {film.name}", math.hypot(fitted.gain_u / fitted.gain, curve_u)))
-    return found
-
-
 # --- the procedure -------------------------------------------------------------------------------------
 
 DEFAULT = "0.1 Hz:100 Hz:13"
@@ -243,13 +204,6 @@ class FrequencySweep(Sweep[FrequencyStep, FrequencyPoint, FrequencyResult]):
     dwell: Annotated[float, Setting("s", "Shortest time at a point; at least three cycles.")] = 1.0
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: a frequency is outside 0.1 to 100 Hz or between the exciter's steps, there are too few of
-                them, the load exceeds the force limit, the dwell is not finite, or the bench has too few sensor nodes.
-            UnknownName: there is no such sample.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         get_sample(self.sample)
         check_force((self.load,), target.force_limit)
@@ -272,11 +226,30 @@ class FrequencySweep(Sweep[FrequencyStep, FrequencyPoint, FrequencyResult]):
             seconds = point_seconds(frequency, dwell, not steps, first_steps(self.load), target.mounts)
             what, group = show(frequency, "Hz"), f"mount sample {self.sample}"
             steps.append(FrequencyStep(dwell, seconds, None, frequency, what=what, group=group))
-        ratio = expected_ratio(target.design, self.sample)
+        return Plan(self.name, steps, predicted(steps, self._expected(target)))
+
+    def _expected(self, target: Target) -> list[Expected]:
+        """Relative uncertainties of each film's corner and gain; none for a film whose corner the sweep would not show.
+
+        Both come from the fit of the sweep itself, for gains without an error of their own. A film's gain scatters as
+        the design says [M], noise is that of usual films [A], and the corner is that of usual charge amplifiers [A]. No
+        resonance is expected: whether the sweep shows one is for the run to tell.
+        """
+        design, cell = target.design, load_cell_of(target)
+        ratio, curve_u = expected_ratio(design, self.sample), cell.mean_curve_u(np.array([self.load]))
         dwells = [dwell_at(frequency, self.dwell) for frequency in self.frequencies]
-        cell = load_cell_of(target)
-        found = expected_corners(target.design, ratio, self.frequencies, dwells, self.load, cell)
-        return Plan(self.name, steps, predicted(steps, found))
+        corner = 1 / (2 * math.pi * CHARGE_AMPLIFIER)
+        passed = np.exp(high_pass(np.asarray(self.frequencies, dtype=np.float64), 0.0, corner))
+        found = []
+        for film in design.films:
+            force = load_on(design, film, ratio, self.load)
+            noise = film_noise(film, force, 1.0, noise_of(design)) / np.sqrt(dwells) / passed
+            u = np.sqrt(film.scatter**2 + noise**2 + reading_u(cell, self.load) ** 2)
+            fitted = fit_corner(self.frequencies, passed, passed * u)
+            if fitted is not None:
+                found.append(Expected(f"corner of film {film.name}", fitted.corner_u / fitted.corner_Hz))
+                found.append(Expected(f"gain of film {film.name}", math.hypot(fitted.gain_u / fitted.gain, curve_u)))
+        return found
 
     def begin(self, plan: Plan[FrequencyStep], lab: Lab, record: Recorder) -> FrequencySweepWork:
         return FrequencySweepWork(lab, record, self)

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Generator, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
-from palpate.instrument.allocation.stopping import RunRatio, answer, enough
-from palpate.instrument.allocation.table import Allocation, RunOption, dwells
+from palpate.instrument.allocation.repeated import Repeated
+from palpate.instrument.allocation.stopping import RunRatio
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.errors import RangeError, quoted
 from palpate.instrument.findings.film_forces import (
@@ -30,31 +30,31 @@ from palpate.instrument.models.evidence import Evidence
 from palpate.instrument.quantity import check_tolerance, plus_minus, show
 from palpate.instrument.sensor.design import THESIS_LOADS, Design
 from palpate.instrument.sensor.sample import get_sample, parse_samples
-from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width, whole_steps
+from palpate.instrument.signals.dwell import STEP, Floor, RequiredDwell, dwell_of, floor_u, half_width
 from palpate.instrument.signals.estimate import SineFit
 from palpate.instrument.uncertainty.budget import Budget
-from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, point_seconds
+from palpate.procedures.engine.plan import Plan, Step, expected_noise, point_seconds
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Measurement,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.lab import BY_HAND, Dwells, Lab, Mounts, Target
+from palpate.procedures.lab.lab import Dwells, Lab, Target
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements import columns
 from palpate.procedures.measurements.prospects import (
     binding,
     expected_mean,
     expected_ratio,
-    most_sets,
-    planned_for,
-    refusal,
+    options,
+    repeated,
     share,
+    wanted_of,
 )
 from palpate.procedures.measurements.settings import DwellTime, Frequency, tolerance_setting
 from palpate.procedures.measurements.work import Sweep, SweepWork
@@ -199,14 +199,14 @@ def valid_ratios(points: Sequence[LoadPoint]) -> list[float]:
 
 
 def evaluate(
-    points: Sequence[LoadPoint], design: Design, repeated: Repeats | None = None, tolerance: float | None = None
+    points: Sequence[LoadPoint], design: Design, repeats: Repeats | None = None, tolerance: float | None = None
 ) -> SweepResult:
     """The mean force ratio of each sample over its valid points, and the samples from hard to soft.
 
     Args:
         points: the points.
         design: the sensor.
-        repeated: the load sets that were repeated, whose own scatter then tells the uncertainty of the mean; None: the
+        repeats: the load sets that were repeated, whose own scatter then tells the uncertainty of the mean; None: the
             scatter of the design tells it.
         tolerance: the tolerance that was asked for, of a point, or of the mean where sets were repeated.
     """
@@ -216,8 +216,8 @@ def evaluate(
         n = len(valid)
         what = ratio_of(name)
         budget = mean_ratio(what, valid, design.film_freedom) if valid else None
-        if repeated is not None and (ratios := valid_ratios(valid)):
-            budget = _by_scatter(what, repeated.answer(name, ratios))
+        if repeats is not None and (ratios := valid_ratios(valid)):
+            budget = _by_scatter(what, repeats[name].answer(ratios))
         budgets += [budget] if budget else []
         means.append(
             SampleMean(
@@ -234,7 +234,7 @@ def evaluate(
     known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
     order = [sample for _, sample in sorted(known, reverse=True)]
     halves = tuple(_half(point, design) for point in points if point.valid and point.force_ratio > 0)
-    wanted = None if tolerance is None else "point" if repeated is None else "mean"
+    wanted = None if tolerance is None else "point" if repeats is None else "mean"
     return SweepResult(list(points), means, order, tuple(budgets), halves, tolerance, wanted)
 
 
@@ -262,106 +262,16 @@ REMEDIES = {
 }
 
 
-@dataclass(frozen=True)
-class Repeats:
-    """The load sets of samples whose mean ratios shall have a tolerance.
-
-    Attributes:
-        design: the sensor.
-        samples: names of the samples.
-        loads: loads of one round, peak to peak [N].
-        frequency: frequency of the load [Hz].
-        tolerance: half-width of the 95 % interval of the mean ratio of each sample, relative.
-        mounts: who mounts the samples, and how long that takes.
-    """
-
-    design: Design
-    samples: tuple[str, ...]
-    loads: tuple[float, ...]
-    frequency: float
-    tolerance: float
-    mounts: Mounts = BY_HAND
-
-    @cached_property
-    def allocations(self) -> dict[str, Allocation]:
-        """The plan for each sample, in whole rounds and whole steps of dwell.
-
-        Raises:
-            RangeError: no number of sets reaches the tolerance; the message says what binds and what would do.
-        """
-        shortest, ways = whole_steps(max(STEP, 1 / self.frequency)), {}
-        for sample in self.samples:
-            lines = self.lines(sample)
-            ways[sample] = [RunOption(lines, self.costs, dwell) for dwell in dwells(lines, shortest, whole_steps)]
-        plans, refused = planned_for(ways, self.tolerance, len(self.loads))
-        if refused:
-            sample, error = max(refused.items(), key=lambda each: each[1].best)
-            raise refusal(self.tolerance, f"the mean ratio of sample {sample}", error, REMEDIES)
-        return plans
-
-    def lines(self, sample: str) -> list[BudgetLine]:
-        """Lines of the mean ratio of a sample."""
-        ratio = expected_ratio(self.design, sample)
-        noise = math.sqrt(
-            math.fsum(expected_noise(self.design, load, ratio) ** 2 for load in self.loads) / len(self.loads)
-        )
-        scatter, *fixed = floor_of(self.design, ratio)
-        return [
-            BudgetLine(scatter.name, scatter.u, RepeatUnit.SET, scatter.degrees_of_freedom),
-            BudgetLine(NOISE, noise, RepeatUnit.SECOND),
-            *(BudgetLine(part.name, part.u, RepeatUnit.NOTHING, part.degrees_of_freedom) for part in fixed),
-        ]
-
-    @property
-    def costs(self) -> Costs:
-        """Bench times of a sample, which is mounted once."""
-        first, later = (point_seconds(self.frequency, STEP, first=first, mounts=self.mounts) for first in (True, False))
-        return Costs(first - later, 0.0, later - STEP)
-
-    def most(self, sample: str) -> int:
-        """The most load sets of a sample, in whole rounds."""
-        return most_sets(self.allocations[sample], len(self.loads))
-
-    def has_enough(self, sample: str, taken: int, ratios: Sequence[float]) -> bool:
-        """Whether the valid `ratios` of a sample are enough; `taken` counts all its sets."""
-        if not taken or taken % len(self.loads):
-            return False
-        plan = self.allocations[sample]
-        try:
-            return bool(enough(self.lines(sample), self.costs, self.tolerance, plan, 1.0, [ratios]).why)
-        except RangeError:  # by the scatter that was found no time is enough
-            return True
-
-    def answer(self, sample: str, ratios: Sequence[float]) -> RunRatio:
-        """Mean ratio of a sample, and its relative uncertainty by what its sets scatter."""
-        return answer(self.lines(sample), self.allocations[sample], 1.0, [ratios])
-
-    def predicted(self) -> Predicted:
-        """What the run is predicted to take and to give; a plan for people."""
-        plans = self.allocations
-        seconds = math.fsum(plan.seconds for plan in plans.values())
-        worst = max(plans.values(), key=lambda plan: plan.half)
-        sets = ", ".join(f"{sample}: {plan.sets}" for sample, plan in plans.items())
-        dwell = max(plan.dwell for plan in plans.values())
-        lines = [
-            f"wanted         {plus_minus(self.tolerance, 3)} of the mean ratio of each sample; one load set scatters "
-            f"by u = {share(self.design.ratio_scatter, 3)}",
-            f"plan           load sets of each sample: {sets}, of {show(dwell, 's')} at most: {duration(seconds)} "
-            f"({self.mounts.described(len(plans))})",
-            f"expected       {plus_minus(worst.half, 3)} at most",
-            binding(worst),
-        ]
-        results = [Expected(ratio_of(sample), plan.u) for sample, plan in plans.items()]
-        told = {
-            RESULTS: [asdict(each) for each in results],
-            "tolerance_for": "mean",
-            "planned": {
-                sample: {"sets": p.sets, "dwell_s": p.dwell, "seconds": p.seconds, "u": p.u, "half": p.half,
-                         "binds": p.binds, "shares": p.shares}
-                for sample, p in plans.items()
-            },
-        }  # fmt: skip
-        return Predicted(seconds, max(plan.u for plan in plans.values()), told, lines)
+def lines_of(design: Design, sample: str, loads: Sequence[float]) -> list[BudgetLine]:
+    """Lines of the mean ratio of a sample by sets that take the loads in turn [N]."""
+    ratio = expected_ratio(design, sample)
+    noise = math.sqrt(math.fsum(expected_noise(design, load, ratio) ** 2 for load in loads) / len(loads))
+    scatter, *fixed = floor_of(design, ratio)
+    return [
+        BudgetLine(scatter.name, scatter.u, RepeatUnit.SET, scatter.degrees_of_freedom),
+        BudgetLine(NOISE, noise, RepeatUnit.SECOND),
+        *(BudgetLine(part.name, part.u, RepeatUnit.NOTHING, part.degrees_of_freedom) for part in fixed),
+    ]
 
 
 def floor_of(design: Design, ratio: float) -> tuple[Floor, ...]:
@@ -386,6 +296,10 @@ class LoadStep(Step):
 
     sample: str
     load_N: float
+
+
+Repeats = Mapping[str, Repeated]  # the load sets of each sample, where these are repeated
+LoadPlan = Plan[LoadStep, Repeats | None]
 
 
 @dataclass(frozen=True)
@@ -427,13 +341,6 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         return replace(self, loads=target.design.thesis_loads) if self.loads is None else self
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: a load exceeds the force limit, the frequency or the dwell is outside its limits, neither a
-                dwell nor repeated load sets give the tolerance, or the bench has too few sensor nodes.
-            UnknownName: there is no such sample.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         for sample in self.samples:
             get_sample(sample)
@@ -455,15 +362,14 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         objects = [get_sample(name) for name in self.samples]
         return Dwells(objects, (min(self.sets), max(self.sets)), self.frequency, dwell)
 
-    def plan(self, target: Target) -> Plan[LoadStep, Repeats | None]:
+    def plan(self, target: Target) -> LoadPlan:
         """All points: every load on every sample.
 
         Where one load set of a sample cannot have the tolerance, it is one of the mean: then the basis are the repeated
         load sets, and the steps are the most of each sample.
         """
         if self.tolerance is not None and not one_set_suffices(target.design, self.samples, self.tolerance):
-            asked = tuple(self.samples), tuple(self.sets), self.frequency, self.tolerance
-            return self._repeated(Repeats(target.design, *asked, target.mounts))
+            return self._repeated(target, self.tolerance)
         sets = list(zip(self.sets, set_names(self.sets), strict=True))
         steps = [
             self._step(target, name, load, load_text, first=not number)
@@ -476,26 +382,44 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
             forecast = replace(forecast, u=worst, details={**forecast.details, "tolerance_for": "point"})
         return Plan(self.name, steps, forecast)
 
-    def _repeated(self, repeats: Repeats) -> Plan[LoadStep, Repeats | None]:
-        steps = []
-        for sample in self.samples:
-            dwell, most = repeats.allocations[sample].dwell, repeats.most(sample)
-            for number in range(most):
-                load = self.sets[number % len(self.sets)]
-                seconds = point_seconds(self.frequency, dwell, first=not number, mounts=repeats.mounts)
+    def _repeated(self, target: Target, tolerance: float) -> LoadPlan:
+        """The most load sets of each sample for a tolerance of its mean."""
+        design, mounts, steps = target.design, target.mounts, []
+        first, later = (point_seconds(self.frequency, STEP, first=first, mounts=mounts) for first in (True, False))
+        costs = Costs(first - later, 0.0, later - STEP)
+        ways = {each: options(lines_of(design, each, self.sets), costs, self.frequency) for each in self.samples}
+        repeats = repeated(ways, tolerance, len(self.sets), "the mean ratio of sample {}", REMEDIES)
+        for sample, each in repeats.items():
+            for number in range(each.most):
+                load, dwell = self.sets[number % len(self.sets)], each.plan.dwell
+                seconds = point_seconds(self.frequency, dwell, first=not number, mounts=mounts)
                 what, group = f"sample {sample}, {load:g} N, set {number + 1}", f"mount sample {sample}"
-                scatter = repeats.design.ratio_scatter
-                steps.append(LoadStep(dwell, seconds, scatter, sample, load, what=what, group=group))
-        return Plan(self.name, steps, repeats.predicted(), repeats)
+                steps.append(LoadStep(dwell, seconds, design.ratio_scatter, sample, load, what=what, group=group))
+        plans = {sample: each.plan for sample, each in repeats.items()}
+        seconds, worst = math.fsum(plan.seconds for plan in plans.values()), max(plans.values(), key=lambda p: p.half)
+        sets = ", ".join(f"{sample}: {plan.sets}" for sample, plan in plans.items())
+        longest = show(max(plan.dwell for plan in plans.values()), "s")
+        wanted = wanted_of("the mean ratio of each sample", plus_minus(tolerance, 3))
+        lines = [
+            f"{wanted}; one load set scatters by u = {share(design.ratio_scatter, 3)}",
+            f"plan           load sets of each sample: {sets}, of {longest} at most: {duration(seconds)} "
+            f"({mounts.described(len(plans))})",
+            f"expected       {plus_minus(worst.half, 3)} at most",
+            binding(worst),
+        ]
+        results = [Expected(ratio_of(sample), plan.u) for sample, plan in plans.items()]
+        planned = {s: {"sets": plan.sets, "dwell_s": plan.dwell, **plan.summary()} for s, plan in plans.items()}
+        u = max(plan.u for plan in plans.values())
+        forecast = foreseen(seconds, u, results, lines, tolerance_for="mean", planned=planned)
+        return Plan(self.name, steps, forecast, repeats)
 
-    def course(
-        self, plan: Plan[LoadStep, Repeats | None], points: Sequence[LoadPoint], lab: Lab
-    ) -> Generator[int, None, str]:
+    def course(self, plan: LoadPlan, points: Sequence[LoadPoint], lab: Lab) -> Generator[int, None, str]:
         """Each sample ends once it has the load sets that the tolerance of its mean needs."""
+
         repeats = plan.basis
 
         def full(step: LoadStep, own: Sequence[LoadPoint]) -> bool:
-            return repeats is not None and repeats.has_enough(step.sample, len(own), valid_ratios(own))
+            return repeats is not None and repeats[step.sample].is_enough(len(own), valid_ratios(own))
 
         return until_full(plan.steps, points, lambda step: step.sample, full)
 
@@ -525,10 +449,10 @@ class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
         assert self.tolerance is not None
         return dwell_of(self.tolerance, expected_noise(design, load, ratio), self.frequency, floor_of(design, ratio))
 
-    def begin(self, plan: Plan[LoadStep, Repeats | None], lab: Lab, record: Recorder) -> LoadSweepWork:
+    def begin(self, plan: LoadPlan, lab: Lab, record: Recorder) -> LoadSweepWork:
         return LoadSweepWork(lab, record, self, by_point=self.tolerance is not None and plan.basis is None)
 
-    def evaluate(self, points: Sequence[LoadPoint], plan: Plan[LoadStep, Repeats | None], lab: Lab) -> SweepResult:
+    def evaluate(self, points: Sequence[LoadPoint], plan: LoadPlan, lab: Lab) -> SweepResult:
         return evaluate(points, lab.design, plan.basis, self.tolerance)
 
     def report(self, result: SweepResult, lab: Lab) -> Report:

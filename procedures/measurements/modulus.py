@@ -142,62 +142,6 @@ class _EvenLoads:
         return self.u / math.sqrt(len(self.loads))
 
 
-def expected_moduli(
-    sample: Sample,
-    strain: float,
-    steps: int,
-    bare: tuple[float, float],
-    displays: int,
-    area_u: float,
-    cell: LoadCellCalibration,
-) -> list[Expected]:
-    """Relative uncertainties of the tangent and the unloading modulus, of the thickness, and of the bench's compliance.
-
-    Empty where too few loads are surely contact, so that the run gives no result.
-
-    Args:
-        sample: the sample.
-        strain: the largest strain.
-        steps: number of steps of each series.
-        bare: least and greatest force on the bare support [N].
-        displays: readings at each position.
-        area_u: relative standard uncertainty of the sample's area.
-        cell: calibration of the load cell.
-    """
-    load_u = display_u(cell, displays) / cell.sensitivity_mV_per_N
-    force = sample.modulus * sample.area * strain
-    sure = SURE * cell.resolution()
-    support, pad = _EvenLoads(*bare, steps, load_u, sure), _EvenLoads(force / steps, force, steps, load_u, sure)
-    if min(len(support.loads), len(pad.loads)) < LEAST_POINTS:
-        return []
-    yields = sample.thickness / (sample.modulus * sample.area)  # m/N, of the sample alone
-    whole, thick = yields + COMPLIANCE, sample.thickness
-    # Each error's relative effect on the thickness, which is the distance of two contacts, and on the tangent modulus,
-    # which is thickness over yield and area. An error of a slope moves both, against each other.
-    of_means = math.hypot(whole * pad.mean_u, COMPLIANCE * support.mean_u) / thick
-    of_steps = POSITION_STEP / math.sqrt(6) / thick
-    of_pad = whole * float(pad.loads.mean()) / thick, whole / yields
-    of_support = COMPLIANCE * float(support.loads.mean()) / thick, COMPLIANCE / yields
-    zero = cell.zero_u / cell.sensitivity_mV_per_N * yields / thick
-    sensitivity = cell.sensitivity_u / cell.sensitivity_mV_per_N
-    related = cell.covariance / cell.sensitivity_mV_per_N**2 * yields / thick
-    curve = math.sqrt(max(zero**2 + sensitivity**2 + 2 * related, 0.0))
-
-    def with_slopes(pad_slope: float, support_slope: float, *rest: float) -> float:
-        return math.hypot(of_means, of_steps, pad_slope * pad.slope_u, support_slope * support.slope_u, *rest)
-
-    thickness = with_slopes(of_pad[0], of_support[0], zero)
-    both = of_support[1] - of_support[0]
-    tangent = with_slopes(of_pad[1] - of_pad[0], both, curve, area_u)
-    unloading = with_slopes(math.hypot(*of_pad), both, curve, area_u)
-    return [
-        Expected("tangent modulus", tangent),
-        Expected("unloading modulus", unloading),
-        Expected("thickness", thickness),
-        Expected("compliance of the bench", math.hypot(support.slope_u, sensitivity)),
-    ]
-
-
 # --- the procedure -------------------------------------------------------------------------------------
 
 LARGEST_STRAIN = 0.6
@@ -239,13 +183,6 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
     extrapolate: Extrapolate = False
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            UnknownName: there is no such sample.
-            RangeError: strain or steps are outside their limits, the sample is thicker than the positioner's travel, or
-                the force exceeds the force limit.
-        """
         sample = get_sample(self.sample)
         if not 0 < self.strain <= LARGEST_STRAIN:
             raise RangeError(
@@ -274,10 +211,49 @@ class ModulusTest(Procedure[CompressionStep, DisplaysPoint, ModulusResult]):
         down = range(1, self.steps + 1)
         places = [(BARE_SUPPORT, n) for n in down] + [(LOADING, n) for n in down] + [(UNLOADING, n) for n in down[::-1]]
         steps = [self._step(series, number, target.force_limit) for series, number in places]
-        bare = BARE[0] * target.force_limit, BARE[1] * target.force_limit
-        sample, cell = get_sample(self.sample), load_cell_of(target)
-        found = expected_moduli(sample, self.strain, self.steps, bare, DISPLAYS, AREA_U, cell)
-        return Plan(self.name, steps, predicted(steps, found))
+        return Plan(self.name, steps, predicted(steps, self._expected(load_cell_of(target), target.force_limit)))
+
+    def _expected(self, cell: LoadCellCalibration, force_limit: float) -> list[Expected]:
+        """Relative uncertainties of the tangent and the unloading modulus, of the thickness, and of the compliance.
+
+        Empty where too few loads are surely contact, so that the run gives no result.
+        """
+        sample = get_sample(self.sample)
+        load_u = display_u(cell, DISPLAYS) / cell.sensitivity_mV_per_N
+        force = _force(sample, self.strain)
+        sure = SURE * cell.resolution()
+        support, pad = (
+            _EvenLoads(first, last, self.steps, load_u, sure)
+            for first, last in ((BARE[0] * force_limit, BARE[1] * force_limit), (force / self.steps, force))
+        )
+        if min(len(support.loads), len(pad.loads)) < LEAST_POINTS:
+            return []
+        yields = sample.thickness / (sample.modulus * sample.area)  # m/N, of the sample alone
+        whole, thick = yields + COMPLIANCE, sample.thickness
+        # Each error's relative effect on the thickness, which is the distance of two contacts, and on the tangent
+        # modulus, which is thickness over yield and area. An error of a slope moves both, against each other.
+        of_means = math.hypot(whole * pad.mean_u, COMPLIANCE * support.mean_u) / thick
+        of_steps = POSITION_STEP / math.sqrt(6) / thick
+        of_pad = whole * float(pad.loads.mean()) / thick, whole / yields
+        of_support = COMPLIANCE * float(support.loads.mean()) / thick, COMPLIANCE / yields
+        zero = cell.zero_u / cell.sensitivity_mV_per_N * yields / thick
+        sensitivity = cell.sensitivity_u / cell.sensitivity_mV_per_N
+        related = cell.covariance / cell.sensitivity_mV_per_N**2 * yields / thick
+        curve = math.sqrt(max(zero**2 + sensitivity**2 + 2 * related, 0.0))
+
+        def with_slopes(pad_slope: float, support_slope: float, *rest: float) -> float:
+            return math.hypot(of_means, of_steps, pad_slope * pad.slope_u, support_slope * support.slope_u, *rest)
+
+        thickness = with_slopes(of_pad[0], of_support[0], zero)
+        both = of_support[1] - of_support[0]
+        tangent = with_slopes(of_pad[1] - of_pad[0], both, curve, AREA_U)
+        unloading = with_slopes(math.hypot(*of_pad), both, curve, AREA_U)
+        return [
+            Expected("tangent modulus", tangent),
+            Expected("unloading modulus", unloading),
+            Expected("thickness", thickness),
+            Expected("compliance of the bench", math.hypot(support.slope_u, sensitivity)),
+        ]
 
     def _step(self, series: str, number: int, force_limit: float) -> CompressionStep:
         seconds = self._moving(series, force_limit) + TRACK_SETTLING + (DISPLAYS - 1) * READING_INTERVAL

@@ -6,16 +6,16 @@ import functools
 import math
 from collections.abc import Collection, Generator, Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from functools import partial
 from itertools import product
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import numpy as np
 
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.stopping import answer, enough, first_sets
-from palpate.instrument.allocation.table import FIRST, ROUNDING, Allocation, OutOfReach, RunOption, Table, dwells
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, falling
+from palpate.instrument.allocation.repeated import Repeated, planned
+from palpate.instrument.allocation.table import FIRST, Allocation, OutOfReach, RunOption, Table
 from palpate.instrument.arrays import Floats
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import NOISE as BY_NOISE
@@ -25,16 +25,16 @@ from palpate.instrument.models.influence import ERROR, check_place, shares_along
 from palpate.instrument.quantity import as_typed, counted, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design
 from palpate.instrument.sensor.sample import Sample, get_sample
-from palpate.instrument.signals.dwell import STEP, whole_steps
+from palpate.instrument.signals.dwell import STEP
 from palpate.instrument.thesis import read_table
 from palpate.instrument.uncertainty.budget import Budget, coverage_factor
-from palpate.procedures.engine.plan import APPROACH, Plan, Predicted, Step, noise_of, point_seconds
+from palpate.procedures.engine.plan import APPROACH, Plan, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Measurement,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
@@ -42,7 +42,7 @@ from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import Outcome
 from palpate.procedures.measurements import columns
-from palpate.procedures.measurements.prospects import binding, most_sets, planned_for, too_long
+from palpate.procedures.measurements.prospects import binding, ended_by, options, too_long, wanted_of
 from palpate.procedures.measurements.settings import DwellTime, Frequency, PeakLoad, SampleName, bench_time
 from palpate.procedures.measurements.work import Laps, Sweep, SweepWork
 from palpate.procedures.records.columns import Column, columns_of, gathered
@@ -187,37 +187,6 @@ TOUCH, PER_NEWTON = 15.7, 2.9  # s, and s/N of the load: from home until the pre
 Place = tuple[float, float]
 
 
-def expected_places(
-    design: Design, sample: Sample, places: Sequence[Place], load: float, dwell: float
-) -> list[Expected]:
-    """Standard uncertainty of each place by one load set [mm]; their names are those of the places.
-
-    Args:
-        design: design of the sensor.
-        sample: the sample.
-        places: places (x, y) of the point load [m].
-        load: load, peak to peak [N].
-        dwell: dwell of each point [s].
-    """
-    scatter = np.array(design.tooth_covariance)
-    found = []
-    for place in places:
-        noise = [u / math.sqrt(dwell) for u in share_noise(design, tooth_shares(design, sample, place), load)]
-        found.append(Expected(name_of(place[0]), 1e3 * _place_u(design, sample, place, noise, scatter), "mm"))
-    return found
-
-
-def place_seconds(frequency: float, dwell: float, load: float) -> float:
-    """Expected time of the first load set at a place, with the probe set there by a person [s].
-
-    Args:
-        frequency: frequency of the load [Hz].
-        dwell: dwell [s].
-        load: load, peak to peak [N].
-    """
-    return point_seconds(frequency, dwell, first=True) - APPROACH + TOUCH + PER_NEWTON * load
-
-
 def share_noise(design: Design, shares: Sequence[float], load: float) -> list[float]:
     """Standard uncertainty of each tooth's share by the noise of its films, after one second [√s].
 
@@ -236,7 +205,7 @@ def share_noise(design: Design, shares: Sequence[float], load: float) -> list[fl
 
 @functools.lru_cache(maxsize=1024)
 def lines_at(design: Design, sample: Sample, place: Place, load: float) -> tuple[BudgetLine, ...]:
-    """Lines of the uncertainty [m] of a place that load sets find. Arguments as for `expected_places`.
+    """Lines of the uncertainty [m] of a place that load sets find under a load, peak to peak [N].
 
     `locate` is no linear function of the shares. So a line is what it adds to ten load sets, the fewest that a
     tolerance has, beside the error of the table.
@@ -312,190 +281,76 @@ Shares = tuple[float, float]
 
 
 @dataclass(frozen=True)
-class PlaceRepeats:
-    """The load sets of a position sweep whose places shall have a tolerance, or that has a time.
-
-    Attributes:
-        design: the sensor.
-        sample: the sample on it.
-        positions: positions of the load along x [m].
-        load: load, peak to peak [N].
-        frequency: frequency of the load [Hz].
-        tolerance: half-width of the 95 % interval of each place [m]; None: as good as the time allows.
-        time: bench time of the sweep [s]; None: as long as the tolerance takes.
-    """
+class PlaceSets(Repeated):
+    """The load sets at one position, in metres along x, on a sample; the load is peak to peak [N]."""
 
     design: Design
     sample: Sample
-    positions: tuple[float, ...]
+    position: float
     load: float
-    frequency: float
-    tolerance: float | None
-    time: float | None
 
-    @cached_property
-    def allocations(self) -> Mapping[float, Allocation]:
-        """The plan of each position, by the position.
-
-        Raises:
-            RangeError: no number of sets reaches the tolerance at some positions, or not one set at each fits into the
-                time; the message says what would do.
-        """
-        ways = {}
-        for x in self.positions:
-            lines = self.lines(x)
-            shortest = whole_steps(max(STEP, 1 / self.frequency))
-            ways[x] = [RunOption(lines, self.costs, dwell) for dwell in dwells(lines, shortest, whole_steps)]
-        if self.tolerance is not None:
-            plans, refused = planned_for(ways, self.tolerance)
-            if refused:
-                raise refusal(self.tolerance, refused, plans)
-            if self.time is None or ONCE + math.fsum(plan.seconds for plan in plans.values()) <= self.time:
-                return plans
-        return _for_time(self, ways, self.time or 0.0)
-
-    def lines(self, x: float) -> tuple[BudgetLine, ...]:
-        """Lines of the uncertainty of the place x [m]."""
-        place = min(max(round(x / NEAR) * NEAR, 0.0), self.design.plate.length), self.design.cell[1] / 2
-        return lines_at(self.design, self.sample, place, self.load)
-
-    @property
-    def costs(self) -> Costs:
-        """Bench times at a position; before each further set the drive goes off for a moment."""
-        later = point_seconds(self.frequency, STEP, first=False) + RELEASED / self.frequency
-        return Costs(place_seconds(self.frequency, STEP, self.load) - later, 0.0, later - STEP)
-
-    @property
-    def seconds(self) -> float:
-        """Bench time of the plan [s]."""
-        return ONCE + math.fsum(plan.seconds for plan in self.allocations.values())
-
-    def most(self, position: float) -> int:
-        """The most load sets at a position."""
-        return most_sets(self.allocations[position])
-
-    def has_enough(self, position: float, own: Sequence[PositionPoint], points: Sequence[PositionPoint]) -> bool:
-        """Whether a position needs no further load set, by its own points and all so far."""
-        if not own:
+    def are_enough(self, points: Sequence[PositionPoint]) -> bool:
+        """Whether the valid ones of the points reach the tolerance, or by what was found no number of them does."""
+        if self.tolerance is None or not (shares := _shares(points)):
             return False
-        shares = _shares(own)
-        return (bool(shares) and self._known(self.allocations[position], shares)) or self._late(position, points)
+        x = self._located(shares).position
+        return self.is_enough(len(points), self._apart(x, shares), lines=self._found_lines(x, shares))
 
-    def place(self, position: float, points: Sequence[PositionPoint]) -> FoundPlace | None:
-        """The place that the load sets at a position tell; None: none of them is valid."""
-        own = _points_at(position, points)
-        shares = _shares(own)
-        if not shares:
+    def place(self, points: Sequence[PositionPoint]) -> FoundPlace | None:
+        """The place that the points tell; None: none of them is valid."""
+        if not (shares := _shares(points)):
             return None
-        plan = self.allocations[position]
-        x = self._located(shares, plan).position
-        by_time = self.tolerance is None or len(shares) < first_sets(plan)
-        found = answer(self._found_lines(x, shares), plan, 1.0, [self._apart(x, shares, plan)], by_time=by_time).budget
-        wide = self._located(shares, plan, self._widened(x, found, len(shares), plan))
+        x = self._located(shares).position
+        found = self.answer(self._apart(x, shares), self._found_lines(x, shares)).budget
+        wide = self._located(shares, self._widened(x, found, len(shares)))
         ends = 1e3 * min(wide.low, x), 1e3 * max(wide.high, x)
-        return FoundPlace(1e3 * position, 1e3 * x, 1e3 * found.u, *ends, len(shares), 1e3 * found.expanded())
+        return FoundPlace(1e3 * self.position, 1e3 * x, 1e3 * found.u, *ends, len(shares), 1e3 * found.expanded())
 
-    def stopped(self, places: Sequence[FoundPlace]) -> str:
-        """Why the sweep ended, for people."""
-        if self.tolerance is None:
-            return f"another load set would not have ended within {show(self.time or 0.0, 's')}"
-        within = "" if self.time is None else f" within {show(self.time, 's')}"
-        missed = [place for place in places if 1e-3 * place.half_mm > self.tolerance * (1 + ROUNDING)]
-        if not missed:
-            return f"± {mm(self.tolerance)} reached at each position{within}"
-        where = ", ".join(f"{place.position_mm:g}" for place in missed)
-        return f"± {mm(self.tolerance)} NOT REACHED{within} at {where} mm"
-
-    def _known(self, plan: Allocation, shares: Sequence[Shares]) -> bool:
-        """Whether the shares of all valid sets at a position reach the tolerance, or no time would."""
-        if self.tolerance is None:
-            return False
-        x = self._located(shares, plan).position
-        lines, apart = self._found_lines(x, shares), [self._apart(x, shares, plan)]
-        try:
-            return bool(enough(lines, self.costs, self.tolerance, plan, 1.0, apart).why)
-        except RangeError:  # by the scatter, or at the place, that was found no time is enough
-            return True
-
-    def _late(self, position: float, points: Sequence[PositionPoint]) -> bool:
-        """Whether another set would take from the time of the positions that follow."""
-        if self.time is None:
-            return False
-        taken = math.fsum(point.seconds or 0.0 for point in points)
-        part = (self.positions.index(position) + 1) / len(self.positions)
-        following = self.costs.set + self.allocations[position].dwell + RESERVE
-        return taken + following > ONCE - END + part * (self.time - ONCE)
-
-    def _located(self, shares: Sequence[Shares], plan: Allocation, factor: float = 1.0) -> Located:
+    def _located(self, shares: Sequence[Shares], factor: float = 1.0) -> Located:
         """The place by the mean of shares, whose noise and scatter are `factor` times the expected ones."""
         less, mean = factor / math.sqrt(len(shares)), _mean(shares)
-        noise = [less * u for u in self._noise(mean, plan)]
+        noise = [less * u for u in self._noise(mean)]
         return locate(self.design, self.sample, mean, noise, less**2 * np.array(self.design.tooth_covariance))
+
+    def _lines(self, x: float) -> tuple[BudgetLine, ...]:
+        return lines_near(self.design, self.sample, x, self.load)
 
     def _found_lines(self, x: float, shares: Sequence[Shares]) -> tuple[BudgetLine, ...]:
         """Lines of the uncertainty of the place x [m] that was found; the table's by the shares that were measured."""
-        *of_sets, table = self.lines(x)
+        *of_sets, table = self._lines(x)
         return (*of_sets, replace(table, u=locate(self.design, self.sample, _mean(shares), QUIET, STILL).u))
 
-    def _apart(self, x: float, shares: Sequence[Shares], plan: Allocation) -> list[float]:
+    def _apart(self, x: float, shares: Sequence[Shares]) -> list[float]:
         """Exponential of how far each set alone would move the place x [m].
 
         The rules of stopping take ratios, and look at their logarithms.
         """
-        noise = self._noise(_mean(shares), plan)
+        noise = self._noise(_mean(shares))
         off = deviations(self.design, self.sample, x, shares, noise, self.design.tooth_covariance)
-        moved: list[float] = np.exp(self._of_set(x, plan) * off).tolist()
+        moved: list[float] = np.exp(self._of_set(x) * off).tolist()
         return moved
 
-    def _widened(self, x: float, found: Budget, sets: int, plan: Allocation) -> float:
+    def _widened(self, x: float, found: Budget, sets: int) -> float:
         """Found scatter of the mean over the expected one, times Student's factor over that of known scatter."""
         parts = [part for part in found.components if part.name != TABLE]
-        expected = self._of_set(x, plan) / math.sqrt(sets)
+        expected = self._of_set(x) / math.sqrt(sets)
         apart = math.hypot(*(part.contribution for part in parts)) / expected if expected else 1.0
         freedom = min(part.degrees_of_freedom for part in parts)
         return apart * coverage_factor(freedom) / coverage_factor(math.inf)
 
-    def _of_set(self, x: float, plan: Allocation) -> float:
+    def _of_set(self, x: float) -> float:
         """What scatter and noise of one set are expected to add to the uncertainty of the place x [m]."""
-        return budget([line for line in self.lines(x) if line.per is not RepeatUnit.NOTHING], 1, 1, plan.dwell).u
+        return budget(falling(self._lines(x)), 1, 1, self.plan.dwell).u
 
-    def _noise(self, shares: Sequence[float], plan: Allocation) -> list[float]:
+    def _noise(self, shares: Sequence[float]) -> list[float]:
         """Expected standard uncertainty of each share by the noise of one set."""
-        return [u / math.sqrt(plan.dwell) for u in share_noise(self.design, shares, self.load)]
-
-    def predicted(self) -> Predicted:
-        """What the sweep is predicted to take and to give; a plan for people."""
-        plans = self.allocations
-        worst, plan = max(plans.items(), key=lambda each: each[1].half)
-        each = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
-        dwell = max(one.dwell for one in plans.values())
-        person = MOUNTING * (1 + len(plans))
-        lines = [
-            f"wanted         {self._wanted()}",
-            f"plan           load sets at each position (mm): {each}, of {show(dwell, 's')} at most: "
-            f"{duration(self.seconds)} (person {person:g} s)",
-            f"expected       ± {mm(plan.half)} at most, at {mm(worst)}",
-            f"{binding(plan)} there",
-        ]
-        told = {
-            RESULTS: [asdict(Expected(name_of(x), 1e3 * one.u, "mm")) for x, one in plans.items()],
-            "planned": [
-                {"position_mm": 1e3 * x, "sets": one.sets, "dwell_s": one.dwell, "seconds": one.seconds,
-                 "u_mm": 1e3 * one.u, "half_mm": 1e3 * one.half, "binds": one.binds, "shares": one.shares}
-                for x, one in plans.items()
-            ],
-        }  # fmt: skip
-        return Predicted(self.seconds, None, told, lines)
-
-    def _wanted(self) -> str:
-        time = "" if self.time is None else show(self.time, "s")
-        if self.tolerance is None:
-            return f"each place as good as {time} allow, shared alike among the positions"
-        return f"± {mm(self.tolerance)} of each place{time and f', within {time}'}"
+        return [u / math.sqrt(self.plan.dwell) for u in share_noise(self.design, shares, self.load)]
 
 
-def _points_at(position: float, points: Sequence[PositionPoint]) -> list[PositionPoint]:
-    return [point for point in points if point.position_mm == 1e3 * position]
+def lines_near(design: Design, sample: Sample, x: float, load: float) -> tuple[BudgetLine, ...]:
+    """Lines of the uncertainty of the place x [m], of the nearest place that has lines of its own."""
+    place = min(max(round(x / NEAR) * NEAR, 0.0), design.plate.length), design.cell[1] / 2
+    return lines_at(design, sample, place, load)
 
 
 def _shares(own: Sequence[PositionPoint]) -> tuple[Shares, ...]:
@@ -503,14 +358,20 @@ def _shares(own: Sequence[PositionPoint]) -> tuple[Shares, ...]:
     return tuple((point.share_left, point.share_right) for point in own if point.valid)
 
 
+def _seconds(plans: Mapping[float, Allocation]) -> float:
+    """Bench time of a sweep with these plans [s]."""
+    return ONCE + math.fsum(plan.seconds for plan in plans.values())
+
+
 def _mean(shares: Sequence[Shares]) -> Shares:
     return math.fsum(left for left, _ in shares) / len(shares), math.fsum(right for _, right in shares) / len(shares)
 
 
-def _for_time(asked: PlaceRepeats, ways: Mapping[float, Sequence[RunOption]], time: float) -> dict[float, Allocation]:
+def _for_time(ways: Mapping[float, Sequence[RunOption]], time: float) -> dict[float, Allocation]:
     each = (time - ONCE) / len(ways)
     where = f"at each of {counted(len(ways), 'position')}"
-    least = asked.costs.seconds(1, 1, ways[asked.positions[0]][0].dwell)
+    first = next(iter(ways.values()))[0]
+    least = first.costs.seconds(1, 1, first.dwell)
     if each < least:
         raise RangeError(
             f"--time {as_typed(time, 's')} is too short: one load set {where} takes {ONCE + len(ways) * least:.0f} s; "
@@ -535,8 +396,12 @@ class PositionStep(Step):
     position_mm: float
 
 
+Places = Mapping[float, PlaceSets]  # the load sets at each position [m], where these are repeated
+PositionPlan = Plan[PositionStep, Places | None]
+
+
 @dataclass(frozen=True)
-class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepeats | None]):
+class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | None]):
     """Move a point load along the base of two teeth; find its place and size by the films."""
 
     name = "sweep-position"
@@ -571,14 +436,6 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepe
     ] = None
 
     def check(self, target: Target) -> None:
-        """Refuse what cannot be done, before any device is spoken to.
-
-        Raises:
-            RangeError: too few positions, one off the sensor, a design without a table of point loads, a load beyond
-                the force limit in N, a frequency or dwell that gives no estimate, or too few sensor nodes; a tolerance
-                that no load sets reach, or a time that holds too few.
-            UnknownName: an unknown sample.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         sample = get_sample(self.sample)
         if len(self.positions) < FEWEST:
@@ -598,66 +455,131 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, PlaceRepe
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads((self.load,), self.extrapolate)
 
+    def plan(self, target: Target) -> PositionPlan:
+        """Every position, from left to right; with a tolerance or a time, the most load sets at each."""
+        if self._repeated:
+            return self._of_repeats(target)
+        steps = [self._step(position, self.dwell, 1) for position in self.positions]
+        return Plan(self.name, steps, predicted(steps, self._expected(target.design)))
+
+    def _expected(self, design: Design) -> list[Expected]:
+        """Standard uncertainty of each place by one load set [mm]."""
+        sample, scatter, found = get_sample(self.sample), np.array(design.tooth_covariance), []
+        for position in self.positions:
+            place = _at(design, position)
+            shares = share_noise(design, tooth_shares(design, sample, place), self.load)
+            noise = [u / math.sqrt(self.dwell) for u in shares]
+            found.append(Expected(name_of(position), 1e3 * _place_u(design, sample, place, noise, scatter), "mm"))
+        return found
+
     @property
     def _repeated(self) -> bool:
         """Whether load sets are repeated, for a tolerance or to fill a time."""
         return self.tolerance is not None or self.time is not None
 
-    def plan(self, target: Target) -> Plan[PositionStep, PlaceRepeats | None]:
-        """Every position, from left to right; with a tolerance or a time, the most load sets at each."""
-        if self._repeated:
-            asked = get_sample(self.sample), tuple(self.positions), self.load, self.frequency
-            return self._of_repeats(PlaceRepeats(target.design, *asked, self.tolerance, self.time))
-        steps = [self._step(position, self.dwell, 1) for position in self.positions]
-        places = [_at(target.design, position) for position in self.positions]
-        found = expected_places(target.design, get_sample(self.sample), places, self.load, self.dwell)
-        return Plan(self.name, steps, predicted(steps, found))
-
-    def _of_repeats(self, repeats: PlaceRepeats) -> Plan[PositionStep, PlaceRepeats | None]:
-        plans = repeats.allocations
+    def _of_repeats(self, target: Target) -> PositionPlan:
+        design, sample = target.design, get_sample(self.sample)
+        # Before each further set the drive goes off for a moment.
+        later = point_seconds(self.frequency, STEP, first=False) + RELEASED / self.frequency
+        costs = Costs(self._first_seconds(STEP) - later, 0.0, later - STEP)
+        lines = {x: lines_near(design, sample, x, self.load) for x in self.positions}
+        plans = self._plans({x: options(each, costs, self.frequency) for x, each in lines.items()})
+        repeats = {
+            x: PlaceSets(lines[x], costs, plan, self.tolerance, design, sample, x, self.load)
+            for x, plan in plans.items()
+        }
         steps = [
-            self._step(position, plans[position].dwell, number)
-            for position in self.positions
-            for number in range(1, repeats.most(position) + 1)
+            self._step(x, plans[x].dwell, number) for x in self.positions for number in range(1, repeats[x].most + 1)
         ]
-        return Plan(self.name, steps, repeats.predicted(), repeats)
+        seconds = _seconds(plans)
+        worst, plan = max(plans.items(), key=lambda each: each[1].half)
+        told = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
+        longest = show(max(one.dwell for one in plans.values()), "s")
+        lines_told = [
+            wanted_of("each place", self._told, self.time)
+            + ("" if self._told else ", shared alike among the positions"),
+            f"plan           load sets at each position (mm): {told}, of {longest} at most: "
+            f"{duration(seconds)} (person {MOUNTING * (1 + len(plans)):g} s)",
+            f"expected       ± {mm(plan.half)} at most, at {mm(worst)}",
+            f"{binding(plan)} there",
+        ]
+        results = [Expected(name_of(x), 1e3 * one.u, "mm") for x, one in plans.items()]
+        planned = [
+            {"position_mm": 1e3 * x, "sets": one.sets, "dwell_s": one.dwell, "seconds": one.seconds,
+             "u_mm": 1e3 * one.u, "half_mm": 1e3 * one.half, "binds": one.binds, "shares": one.shares}
+            for x, one in plans.items()
+        ]  # fmt: skip
+        return Plan(self.name, steps, foreseen(seconds, None, results, lines_told, planned=planned), repeats)
+
+    def _plans(self, ways: Mapping[float, Sequence[RunOption]]) -> dict[float, Allocation]:
+        """The plan of each position.
+
+        Raises:
+            RangeError: no number of sets reaches the tolerance at some positions, or not one set at each fits into the
+                time; the message says what would do.
+        """
+        if self.tolerance is not None:
+            found, refused = planned(ways, self.tolerance)
+            if refused:
+                raise refusal(self.tolerance, refused, found)
+            plans = {x: each.plan for x, each in found.items()}
+            if self.time is None or _seconds(plans) <= self.time:
+                return plans
+        return _for_time(ways, self.time or 0.0)
+
+    @property
+    def _told(self) -> str:
+        """The tolerance for people; empty: there is none."""
+        return "" if self.tolerance is None else f"± {mm(self.tolerance)}"
+
+    def _first_seconds(self, dwell: float) -> float:
+        """Expected time of the first load set at a place, with the probe set there by a person [s]."""
+        return point_seconds(self.frequency, dwell, first=True) - APPROACH + TOUCH + PER_NEWTON * self.load
 
     def _step(self, position: float, dwell: float, number: int) -> PositionStep:
         seconds = point_seconds(self.frequency, dwell, first=False)
         if number == 1:
-            seconds = place_seconds(self.frequency, dwell, self.load)
+            seconds = self._first_seconds(dwell)
             seconds += ONCE if position == self.positions[0] else 0.0
         what = show(position, "m") + (f", set {number}" if number > 1 else "")
         group = f"mount sample {self.sample}"
         return PositionStep(dwell, seconds, None, 1e3 * position, what=what, group=group)
 
-    def course(
-        self, plan: Plan[PositionStep, PlaceRepeats | None], points: Sequence[PositionPoint], lab: Lab
-    ) -> Generator[int, None, str]:
+    def course(self, plan: PositionPlan, points: Sequence[PositionPoint], lab: Lab) -> Generator[int, None, str]:
         """Each position ends once it has the load sets that the tolerance needs, or that the time allows."""
-        repeats = plan.basis
 
         def full(step: PositionStep, own: Sequence[PositionPoint]) -> bool:
-            return repeats is not None and repeats.has_enough(self.place(step), own, points)
+            sets = plan.basis[self.place(step)] if plan.basis and own else None
+            return sets is not None and (sets.are_enough(own) or self._late(sets, points))
 
         return until_full(plan.steps, points, lambda step: step.position_mm, full)
+
+    def _late(self, sets: PlaceSets, points: Sequence[PositionPoint]) -> bool:
+        """Whether another set would take from the time of the positions that follow."""
+        if self.time is None:
+            return False
+        taken = math.fsum(point.seconds or 0.0 for point in points)
+        part = (self.positions.index(sets.position) + 1) / len(self.positions)
+        following = sets.costs.set + sets.plan.dwell + RESERVE
+        return taken + following > ONCE - END + part * (self.time - ONCE)
 
     def place(self, step: PositionStep) -> float:
         """Position of a step [m], to the last digit."""
         return next(place for place in self.positions if 1e3 * place == step.position_mm)
 
-    def begin(self, plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab, record: Recorder) -> PositionSweepWork:
+    def begin(self, plan: PositionPlan, lab: Lab, record: Recorder) -> PositionSweepWork:
         return PositionSweepWork(lab, record, self)
 
-    def evaluate(
-        self, points: Sequence[PositionPoint], plan: Plan[PositionStep, PlaceRepeats | None], lab: Lab
-    ) -> PositionResult:
-        repeats = plan.basis
-        if repeats is None:
+    def evaluate(self, points: Sequence[PositionPoint], plan: PositionPlan, lab: Lab) -> PositionResult:
+        if plan.basis is None:
             return evaluate(points)
-        found = [repeats.place(position, points) for position in self.positions]
-        places = [place for place in found if place is not None]
-        return evaluate(points, places, repeats.stopped(places))
+        missed, places = [], []
+        for x, each in plan.basis.items():
+            if place := each.place([point for point in points if point.position_mm == 1e3 * x]):
+                places.append(place)
+                missed += [] if each.reaches(1e-3 * place.half_mm) else [f"{place.position_mm:g}"]
+        where = f" at {', '.join(missed)} mm" if missed else ""
+        return evaluate(points, places, ended_by("load set", self._told, self.time, where, " at each position"))
 
     def report(self, result: PositionResult, lab: Lab) -> Report:
         plot = partial(plot_sweep, result, lab.design, get_sample(self.sample), lab.bench.simulated)

@@ -11,16 +11,20 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import TypeVar
 
-from palpate.instrument.allocation.table import MOST_SETS, Allocation, OutOfReach, RunOption, Table
+from palpate.instrument.allocation.lines import BudgetLine, Costs
+from palpate.instrument.allocation.repeated import Repeated, planned
+from palpate.instrument.allocation.table import MOST_SETS, Allocation, RunOption, dwells
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import calibration_u, mean_ratio, pickup_u
 from palpate.instrument.models.springs import force_ratio
-from palpate.instrument.quantity import as_typed, rounded_up
+from palpate.instrument.quantity import as_typed, rounded_up, show
 from palpate.instrument.sensor.design import FILM_KINDS, Design, Film
 from palpate.instrument.sensor.sample import get_sample
+from palpate.instrument.signals.dwell import STEP, whole_steps
 from palpate.instrument.uncertainty.budget import Budget, mean_u
 from palpate.procedures.engine.plan import expected_noise
+from palpate.procedures.lab.calibrations import probable_load_cell
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.steps.servo import READINGS
 
@@ -70,6 +74,11 @@ def load_cell_of(target: Target) -> LoadCellCalibration:
     return target.load_cell or THESIS_LOAD_CELL
 
 
+def probable_cell_of(target: Target) -> LoadCellCalibration:
+    """As `load_cell_of`, but before the bench is open it is the calibration that it probably has, if one is stored."""
+    return target.load_cell or probable_load_cell(target.scene) or THESIS_LOAD_CELL
+
+
 def reading_u(cell: LoadCellCalibration, load: float) -> float:
     """Relative standard uncertainty of a measured load [N, peak to peak] without that of the load cell's curve."""
     return cell.reading_u(READINGS) / cell.sensitivity_mV_per_N / load
@@ -111,39 +120,67 @@ def film_noise(film: Film, force: float, dwell: float, density: float) -> float:
 # -------------------------------------------------------------------------------------------------------
 # Load sets that are repeated for a tolerance: the plans, their refusal, and the most sets that a run takes
 
-MOST = 5, 20  # times the planned sets, and sets besides: a run that needs more ends without the tolerance
-
-T = TypeVar("T")
+Name = TypeVar("Name")
 
 
-def planned_for(
-    ways: Mapping[T, Sequence[RunOption]], tolerance: float, rounds: int = 1
-) -> tuple[dict[T, Allocation], dict[T, OutOfReach]]:
-    """The plan of each thing for a tolerance, in whole rounds of sets, and why others have none."""
-    plans, refused = {}, {}
-    for name, each in ways.items():
-        try:
-            plans[name] = Table.of(each, rounds=rounds).for_tolerance(tolerance)
-        except OutOfReach as error:
-            refused[name] = error
-    return plans, refused
+def options(lines: Sequence[BudgetLine], costs: Costs, frequency: float) -> list[RunOption]:
+    """The ways of a run at a frequency [Hz], with dwells in whole steps."""
+    shortest = whole_steps(max(STEP, 1 / frequency))
+    return [RunOption(lines, costs, dwell) for dwell in dwells(lines, shortest, whole_steps)]
 
 
-def refusal(tolerance: float, of: str, error: OutOfReach, remedies: Mapping[str, Sequence[str]]) -> RangeError:
-    """The refusal of a tolerance.
+def repeated(
+    ways: Mapping[Name, Sequence[RunOption]],
+    tolerance: float,
+    rounds: int,
+    of: str,
+    remedies: Mapping[str, Sequence[str]],
+) -> dict[Name, Repeated]:
+    """The load sets of each thing for a tolerance.
 
     Args:
+        ways: ways of each thing.
         tolerance: the tolerance.
-        of: of what it is, for people.
-        error: why no plan reaches it.
+        rounds: number of sets of a round.
+        of: of what the tolerance is, for people; {} stands for the thing.
         remedies: what would lower a line that binds, by its name.
+
+    Raises:
+        RangeError: no number of sets of some thing reaches it; the message says what binds and what would do.
     """
+    found, refused = planned(ways, tolerance, rounds)
+    if not refused:
+        return found
+    name, error = max(refused.items(), key=lambda each: each[1].best)
     lines = [
-        f"--tolerance {share(tolerance, 3)} of {of} cannot be reached: {error.why}",
+        f"--tolerance {share(tolerance, 3)} of {of.format(name)} cannot be reached: {error.why}",
         f"best now  --tolerance '{reachable(error.best)}'",
         *remedies.get(error.binds, ()),
     ]
-    return RangeError("\n  ".join(lines))
+    raise RangeError("\n  ".join(lines))
+
+
+def wanted_of(of: str, tolerance: str, time: float | None = None) -> str:
+    """The line of a plan with what is wanted: a tolerance, which is empty if there is none, or a bench time [s]."""
+    told = "" if time is None else show(time, "s")
+    within = told and f", within {told}"
+    return f"wanted         {f'{tolerance} of {of}{within}' if tolerance else f'{of} as good as {told} allow'}"
+
+
+def ended_by(each: str, tolerance: str, time: float | None, missed: str, where: str = "") -> str:
+    """Why a run ended, for people.
+
+    Args:
+        each: what it repeats.
+        tolerance: the tolerance; empty: as good as the time allows.
+        time: its bench time [s]; None: as long as the tolerance takes.
+        missed: where the tolerance is not reached; empty: it is.
+        where: where it is reached, in that case.
+    """
+    if not tolerance:
+        return f"another {each} would not have ended within {show(time or 0.0, 's')}"
+    within = "" if time is None else f" within {show(time, 's')}"
+    return f"{tolerance} NOT REACHED{within}{missed}" if missed else f"{tolerance} reached{where}{within}"
 
 
 def too_long(time: float, where: str) -> RangeError:
@@ -151,11 +188,6 @@ def too_long(time: float, where: str) -> RangeError:
     return RangeError(
         f"--time {as_typed(time, 's')} holds more than {MOST_SETS} load sets {where}, the most of a run; give less time"
     )
-
-
-def most_sets(plan: Allocation, each: int = 1) -> int:
-    """The most sets of a run with a tolerance, in whole rounds of `each`."""
-    return each * min(math.ceil((MOST[0] * plan.sets + MOST[1]) / each), MOST_SETS // each)
 
 
 def binding(plan: Allocation) -> str:

@@ -375,49 +375,6 @@ def _budget(found: ModelCalibration) -> Budget:
     return Budget(f"constant of model {found.model}", found.constant, "", parts)
 
 
-# --- What references are expected to give: the uncertainty of a model's constant, as its budget has it -
-#
-# The ratios are those of the model for the references' moduli, which need not be true: the constant is unknown
-# before. Objects are expected to spread about it as the thesis' samples do [M]; where that is not known, no spread is
-# expected.
-
-
-def expected_constant(
-    design: Design,
-    references: Sequence[Reference],
-    question: RatioQuestion,
-    curve: RatioCurve,
-    loads: Sequence[float],
-    dwell: float,
-) -> list[Expected]:
-    """Relative uncertainty of each reference's mean ratio, and that of the factor between curve and real ratios.
-
-    Args:
-        design: design of the sensor.
-        references: the references.
-        question: names the model and its parameter set.
-        curve: the model's curve.
-        loads: load of each load set, peak to peak [N].
-        dwell: dwell of each [s].
-    """
-    means, ratios, own = [], [], []
-    for each in references:
-        ratio = float(curve.force_ratio(each.modulus))
-        mean = expected_mean(f"force ratio of {each.name}", design, ratio, loads, [dwell] * len(loads))
-        shared = ratio * math.hypot(calibration_u(design), pickup_u(design) * math.hypot(1.0, 1 / ratio))
-        means.append(Expected.of(mean))
-        ratios.append(ratio)
-        own.append(math.sqrt(mean.u**2 - shared**2) / ratio)
-    spread = validate(question.design, question.parameters, curve.model).ln_spread or 0.0
-    weights = [
-        1 / (spread**2 + u**2 + (each.u / check_range(each, curve)) ** 2)
-        for u, each in zip(own, references, strict=True)
-    ]
-    pickup = math.fsum(pickup_u(design) * math.hypot(1.0, 1 / ratio) for ratio in ratios) / len(ratios)
-    constant = math.hypot(1 / math.sqrt(math.fsum(weights)), calibration_u(design), pickup)
-    return [*means, Expected(f"constant of model {curve.model}", constant, "ln")]
-
-
 # --- the procedure -------------------------------------------------------------------------------------
 
 
@@ -452,14 +409,6 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
     valid_days: ValidDays = 365
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: there is no reference, one is given twice, has another thickness, is outside the range of the
-                model, or comes from a simulated bench and this one is real, or the other way round; the validity is
-                outside its limits; or what `SoftnessTest.check` refuses.
-            UnknownName: there is no such model or parameter set.
-        """
         if not self.references:
             raise RangeError("no reference is given; give at least one")
         for place, each in enumerate(self.references):
@@ -497,18 +446,35 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         steps = self._touches(target.design).plan(target).steps
         if self.model in SLOW:
             return Plan(self.name, steps)
-        question = self._question(target.design)
-        found = expected_constant(target.design, self.references, question, _curve(question), self.loads, self.dwell)
-        u = self._predicted_u(target.design)
+        curve = _curve(self._question(target.design))
+        found, u = self._expected(target.design, curve), self._predicted_u(target.design, curve)
         moduli = [] if u is None else [Expected(MODULUS, u)]
         return Plan(self.name, steps, predicted(steps, [*found, *moduli], u))
 
-    def _predicted_u(self, design: Design) -> float | None:
-        """None: the thesis tells no spread, or the curve takes long."""
-        if self.model in SLOW:
-            return None
-        question = self._question(design)
-        curve = _curve(question)
+    def _expected(self, design: Design, curve: RatioCurve) -> list[Expected]:
+        """Relative uncertainty of each reference's mean ratio, and that of the factor between curve and real ratios.
+
+        The ratios are those of the model for the references' moduli, which need not be true: the constant is unknown
+        before. Objects are expected to spread about it as the thesis' samples do [M]; where that is not known, no
+        spread is expected.
+        """
+        dwells = [self.dwell] * len(self.loads)
+        means, ratios, weights = [], [], []
+        spread = validate(design.name, self.parameters, curve.model).ln_spread or 0.0
+        for each in self.references:
+            ratio = float(curve.force_ratio(each.modulus))
+            mean = expected_mean(f"force ratio of {each.name}", design, ratio, self.loads, dwells)
+            shared = ratio * math.hypot(calibration_u(design), pickup_u(design) * math.hypot(1.0, 1 / ratio))
+            means.append(Expected.of(mean))
+            ratios.append(ratio)
+            own = math.sqrt(mean.u**2 - shared**2) / ratio
+            weights.append(1 / (spread**2 + own**2 + (each.u / check_range(each, curve)) ** 2))
+        pickup = math.fsum(pickup_u(design) * math.hypot(1.0, 1 / ratio) for ratio in ratios) / len(ratios)
+        constant = math.hypot(1 / math.sqrt(math.fsum(weights)), calibration_u(design), pickup)
+        return [*means, Expected(f"constant of model {curve.model}", constant, "ln")]
+
+    def _predicted_u(self, design: Design, curve: RatioCurve) -> float | None:
+        """Relative uncertainty of a modulus by the calibration alone; None: the thesis tells no spread."""
         sensitivities = [check_range(each, curve) for each in self.references]
         moduli = [each.u / slope for each, slope in zip(self.references, sensitivities, strict=True)]
         known = validate(design.name, self.parameters, curve.model)

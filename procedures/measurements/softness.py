@@ -312,22 +312,14 @@ class Ranking:
 
     Attributes:
         design: the sensor.
-        objects: the objects, in the order in which they are mounted.
-        loads: loads, peak to peak, which the sets of an object take in turn [N].
-        frequency: frequency of the load [Hz].
-        dwell: dwell of a set [s].
+        test: its settings; objects are mounted in their order, and the sets of each take the loads in turn.
         risk: greatest risk of a wrong pair in the order.
-        most: greatest number of sets of an object.
         mounts: who mounts the objects, and how long that takes.
     """
 
     design: Design
-    objects: tuple[Sample, ...]
-    loads: tuple[float, ...]
-    frequency: float
-    dwell: float
+    test: SoftnessTest
     risk: float
-    most: int
     mounts: Mounts = BY_HAND
 
     def check(self) -> None:
@@ -337,14 +329,14 @@ class Ranking:
             RangeError: the risk, the number of sets or that of the objects is outside its limits, or two objects are
                 expected to be so much alike that so many sets do not tell them apart in every second run.
         """
-        if len(self.objects) < 2:
+        if len(self.test.objects) < 2:
             raise RangeError("--risk: one object has no order; name two or more, or leave --risk out")
         if not SMALLEST_RISK <= self.risk <= LARGEST_RISK:
             raise RangeError(
                 f"--risk {self.risk:g} is outside {SMALLEST_RISK:g} to {LARGEST_RISK:g}; give a share such as '5 %'"
             )
-        if not 1 <= self.most <= MOST_SETS:
-            raise RangeError(f"--sets {self.most} is outside 1 to {MOST_SETS}; give a number inside")
+        if not 1 <= self.test.sets <= MOST_SETS:
+            raise RangeError(f"--sets {self.test.sets} is outside 1 to {MOST_SETS}; give a number inside")
         worst = [(risk, pair) for pair in self._expected_pairs if (risk := self._least_risk(pair)) > self.risk]
         if worst:
             raise self._refusal(*max(worst))
@@ -352,16 +344,17 @@ class Ranking:
     @cached_property
     def family(self) -> Family:
         """All comparisons of the run, with what is known of the scatter of sets."""
-        u = budget(self._lines(), 1, 1, self.dwell).u
-        return Family(len(self.objects), self.risk, self.most, u, PRIOR_FREEDOM)
+        u = budget(self._lines(), 1, 1, self.test.dwell).u
+        return Family(len(self.test.objects), self.risk, self.test.sets, u, PRIOR_FREEDOM)
 
     @property
     def costs(self) -> Costs:
         """Bench times of one object; the first of its sets takes longer, which counts for the mounting."""
         first, later = (
-            point_seconds(self.frequency, self.dwell, first=first, mounts=self.mounts) for first in (True, False)
+            point_seconds(self.test.frequency, self.test.dwell, first=first, mounts=self.mounts)
+            for first in (True, False)
         )
-        return Costs(0.0, first - later, later - self.dwell, self.mounts.person)
+        return Costs(0.0, first - later, later - self.test.dwell, self.mounts.person)
 
     def has_enough(self, name: str, points: Sequence[SoftnessPoint]) -> bool:
         """Whether an object has enough sets: it is told from those before it, and has what those after it need."""
@@ -375,7 +368,7 @@ class Ranking:
         return Ranked(
             self.risk,
             found.risk,
-            {each.name: len(ratios.get(each.name, ())) for each in self.objects},
+            {each.name: len(ratios.get(each.name, ())) for each in self.test.objects},
             tuple(self._not_told(pair, ratios, found.scatter) for pair in found.not_told),
             found.scatter,
         )
@@ -383,17 +376,18 @@ class Ranking:
     def predicted(self) -> Predicted:
         """What the run is predicted to take; a plan for people."""
         sets = self._planned()
-        seconds = math.fsum(self.costs.seconds(1, number, self.dwell) for number in sets.values())
+        seconds = math.fsum(self.costs.seconds(1, number, self.test.dwell) for number in sets.values())
         each = ", ".join(f"{name}: {number}" for name, number in sets.items())
-        shares = {row["name"]: row["share"] for row in budget(self._lines(), 1, 1, self.dwell).rows()}
+        shares = {row["name"]: row["share"] for row in budget(self._lines(), 1, 1, self.test.dwell).rows()}
         binds = max(shares, key=lambda name: shares[name])
         left = [pair for pair in self._expected_pairs if self._needed(pair) is None]
+        objects = counted(len(self.test.objects), "object")
         lines = [
-            f"wanted         the order of {counted(len(self.objects), 'object')} to a risk of {100 * self.risk:.3g} %",
-            f"plan           up to {counted(self.most, 'set')} of each object; it goes on as soon as it is told",
+            f"wanted         the order of {objects} to a risk of {100 * self.risk:.3g} %",
+            f"plan           up to {counted(self.test.sets, 'set')} of each object; it goes on as soon as it is told",
             f"expected       sets of each: {each}: {duration(seconds)} ({self.mounts.described(len(sets))})",
             f"binds          {binds}, {shares[binds]:.0%} of the variance of a set",
-            *([f"doubtful       {told_pairs(left)}: may need more than {self.most} sets"] if left else []),
+            *([f"doubtful       {told_pairs(left)}: may need more than {self.test.sets} sets"] if left else []),
         ]
         told = {"risk": self.risk, "planned": {"sets": sets, "seconds": seconds, "shares": shares, "binds": binds}}
         return Predicted(seconds, None, told, lines)
@@ -401,7 +395,7 @@ class Ranking:
     @cached_property
     def _ratios(self) -> dict[str, float]:
         """Expected ratio of each object that is one of the known samples; nothing is expected of others."""
-        known = [each for each in self.objects if SAMPLES.get(each.name) == each]
+        known = [each for each in self.test.objects if SAMPLES.get(each.name) == each]
         return {each.name: expected_ratio(self.design, each.name) for each in known}
 
     def _lines(self, scatter: float | None = None) -> list[BudgetLine]:
@@ -411,7 +405,7 @@ class Ranking:
         """
         if scatter is not None:
             return [BudgetLine(SCATTER, scatter, RepeatUnit.SET)]
-        noise = expected_noise(self.design, min(self.loads), min(self._ratios.values(), default=LEAST_RATIO))
+        noise = expected_noise(self.design, min(self.test.loads), min(self._ratios.values(), default=LEAST_RATIO))
         return [
             BudgetLine(SCATTER, self.design.ratio_scatter, RepeatUnit.SET, PRIOR_FREEDOM),
             BudgetLine(NOISE, noise, RepeatUnit.SECOND),
@@ -427,45 +421,45 @@ class Ranking:
         return abs(math.log(one / other))
 
     def _needed(self, pair: Pair) -> int | None:
-        return needed(self.family, self._lines(), self.dwell, self._gap(pair))
+        return needed(self.family, self._lines(), self.test.dwell, self._gap(pair))
 
     def _least_risk(self, pair: Pair) -> float:
-        return least_risk(self.family, self._lines(), self.dwell, self._gap(pair))
+        return least_risk(self.family, self._lines(), self.test.dwell, self._gap(pair))
 
     def _least(self, name: str) -> int:
         """Sets that an object needs to be told later from those that are mounted after it."""
-        names = [each.name for each in self.objects]
+        names = [each.name for each in self.test.objects]
         after = names[names.index(name) + 1 :]
         if any(each not in self._ratios for each in (*after, *([name] if after else []))):
-            return self.most
-        return max((self._needed((name, other)) or self.most for other in after), default=1)
+            return self.test.sets
+        return max((self._needed((name, other)) or self.test.sets for other in after), default=1)
 
     def _planned(self) -> dict[str, int]:
         """Expected number of sets of each object."""
         sets: dict[str, int] = {}
-        for each in self.objects:
+        for each in self.test.objects:
             name = each.name
             number, freedom = self._least(name), PRIOR_FREEDOM + sum(sets.values()) - len(sets)
             for before, others in sets.items():
                 known = name in self._ratios and before in self._ratios
                 gap = self._gap((before, name)) if known else 0.0
-                number = max(number, expected_sets(self.family, self._lines(), self.dwell, gap, others, freedom))
+                number = max(number, expected_sets(self.family, self._lines(), self.test.dwell, gap, others, freedom))
             sets[name] = number
         return sets
 
     def _not_told(self, pair: Pair, ratios: Mapping[str, Sequence[float]], scatter: float) -> NotTold:
         one, other = (math.fsum(map(math.log, ratios[name])) / len(ratios[name]) for name in pair)
         alone = Family(2, self.risk, MOST_SETS, scatter, PRIOR_FREEDOM)
-        plan = what_it_takes(alone, self._lines(scatter), self.costs, self.dwell, one - other)
+        plan = what_it_takes(alone, self._lines(scatter), self.costs, self.test.dwell, one - other)
         return NotTold(pair, None, None) if plan is None else NotTold(pair, plan.sets, 2 * plan.seconds)
 
     def _refusal(self, least: float, pair: Pair) -> RangeError:
-        plan = what_it_takes(self.family, self._lines(), self.costs, self.dwell, self._gap(pair))
-        shares = budget(self._lines(), 1, 1, self.dwell).rows()
+        plan = what_it_takes(self.family, self._lines(), self.costs, self.test.dwell, self._gap(pair))
+        shares = budget(self._lines(), 1, 1, self.test.dwell).rows()
         binds = max(shares, key=lambda row: row["share"])["name"]
         told, asked = " and ".join(pair), f"--risk '{100 * self.risk:.3g} %'"
         lines = [
-            f"{asked} cannot be expected of {counted(self.most, 'set')} of each object: {binds} leaves a risk of "
+            f"{asked} cannot be expected of {counted(self.test.sets, 'set')} of each object: {binds} leaves a risk of "
             f"{100 * least:.2g} % that {told} are in the wrong order",
             f"best now  --risk '{100 * 1.01 * least:.2g} %'"
             if least < LARGEST_RISK
@@ -492,47 +486,6 @@ def told_pairs(pairs: Sequence[Pair]) -> str:
     return ", ".join(" and ".join(pair) for pair in pairs)
 
 
-# -------------------------------------------------------------------------------------------------------
-# What a softness test is expected to give: the mean force ratio of each object, and its modulus by the model
-#
-# Ratios are the thesis' means [M]; for other objects they are those of the model that answers, at the object's
-# modulus. The uncertainty of a modulus is that of `estimate` for the expected mean.
-
-
-def expected_moduli(
-    design: Design,
-    ratios: Mapping[str, float],
-    loads: Mapping[str, Sequence[float]],
-    dwell: float,
-    question: RatioQuestion | None,
-    references: ByReferences | None = None,
-) -> list[Expected]:
-    """Relative uncertainties of the mean ratio and of the modulus of each object, on the model's scale and absolute.
-
-    Args:
-        design: design of the sensor.
-        ratios: expected force ratio of each object, by its name.
-        loads: load of each load set of each object, peak to peak [N].
-        dwell: dwell of each [s].
-        question: what the model is asked; None: it takes too long to answer beforehand.
-        references: the model's calibration by references; None: there is none.
-    """
-    means = {
-        name: expected_mean(f"force ratio of {name}", design, ratio, loads[name], [dwell] * len(loads[name]))
-        for name, ratio in ratios.items()
-    }
-    found = [Expected.of(mean) for mean in means.values()]
-    if question is None:
-        return found
-    values, us, freedom = zip(*((m.value, m.u, m.degrees_of_freedom) for m in means.values()), strict=True)
-    rows = estimate(question, values, us, freedom, references)
-    for name, row in zip(means, rows, strict=True):
-        for told in ("scale", "absolute"):
-            if row["modulus_Pa"] is not None and row[f"{told}_u"] is not None:
-                found.append(Expected(f"modulus of {name}, {told}", row[f"{told}_u"]))
-    return found
-
-
 # --- the procedure -------------------------------------------------------------------------------------
 
 EDGE = 1e-9  # distance that an expected ratio keeps from 0 and 1
@@ -545,6 +498,9 @@ class TouchStep(Step):
 
     object: str
     load_N: float
+
+
+RankingPlan = Plan[TouchStep, Ranking | None]
 
 
 def _samples(text: str) -> tuple[Sample, ...]:
@@ -572,15 +528,6 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
     sets: Annotated[int, Setting(help="With --risk: most load sets of each object, which take --loads in turn.")] = MOST
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: there is no object, one is named twice, or they have several thicknesses; a load exceeds the
-                force limit, the frequency or the dwell is outside its limits, or the bench has too few sensor nodes;
-                the model does not know this sensor, or the simulated bench's model does not know one of the objects;
-                so many sets are not expected to give the order to the risk.
-            UnknownName: there is no such model.
-        """
         names = [each.name for each in self.objects]
         if not names or len(set(names)) < len(names):
             told = f"'{', '.join(names)}'"
@@ -606,13 +553,12 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
     def dwells(self) -> Dwells:
         return Dwells(self.objects, (min(self.loads), max(self.loads)), self.frequency, self.dwell)
 
-    def plan(self, target: Target) -> Plan[TouchStep, Ranking | None]:
+    def plan(self, target: Target) -> RankingPlan:
         """All points: every load on every object; with a risk, the most sets of each object."""
         sets = list(zip(self.loads, set_names(self.loads), strict=True))
         ranking: Ranking | None = None
         if self.risk is not None:
-            asked = self.objects, tuple(self.loads), self.frequency, self.dwell, self.risk, self.sets
-            ranking = Ranking(target.design, *asked, target.mounts)
+            ranking = Ranking(target.design, self, self.risk, target.mounts)
             ranking.check()
             turns = range(1, self.sets + 1)
             sets = [(self.loads[(n - 1) % len(self.loads)], f"set {n} of at most {self.sets}") for n in turns]
@@ -630,25 +576,38 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
         return Plan(self.name, steps, replace(forecast, u=greatest(found), details=details), ranking)
 
     def _expected(self, target: Target, sets: Mapping[str, int]) -> list[Expected]:
-        """What is expected of ratios and moduli, for each object's number of sets, which take the loads in turn."""
+        """Relative uncertainties of each object's mean ratio, and of its modulus on the model's scale and absolute.
+
+        Sets take the loads in turn. Ratios are the thesis' means [M]; for other objects they are those of the model
+        that answers, at the object's modulus. A model that takes too long to answer beforehand tells no modulus.
+        """
         design, slow = target.design, self.model in SLOW
         question = None if slow else self.model_question(design)
         ratios = {each.name: _ratio(design, each, question) for each in self.objects}
-        loads = {name: [self.loads[n % len(self.loads)] for n in range(number)] for name, number in sets.items()}
-        references = None if question is None else references_on(target, question)
-        return expected_moduli(design, ratios, loads, self.dwell, question, references)
+        means = {}
+        for name, ratio in ratios.items():
+            loads = [self.loads[n % len(self.loads)] for n in range(sets[name])]
+            means[name] = expected_mean(f"force ratio of {name}", design, ratio, loads, [self.dwell] * len(loads))
+        found = [Expected.of(mean) for mean in means.values()]
+        if question is None:
+            return found
+        values, us, freedom = zip(*((m.value, m.u, m.degrees_of_freedom) for m in means.values()), strict=True)
+        rows = estimate(question, values, us, freedom, references_on(target, question))
+        for name, row in zip(means, rows, strict=True):
+            for told in ("scale", "absolute"):
+                if row["modulus_Pa"] is not None and row[f"{told}_u"] is not None:
+                    found.append(Expected(f"modulus of {name}, {told}", row[f"{told}_u"]))
+        return found
 
     def _step(self, target: Target, name: str, load: float, load_text: str, first: bool) -> TouchStep:
         seconds = point_seconds(self.frequency, self.dwell, first=first, mounts=target.mounts)
         what, group = f"{name}, {load_text}", f"mount {name}"
         return TouchStep(self.dwell, seconds, target.design.ratio_scatter, name, load, what=what, group=group)
 
-    def begin(self, plan: Plan[TouchStep, Ranking | None], lab: Lab, record: Recorder) -> Touching:
+    def begin(self, plan: RankingPlan, lab: Lab, record: Recorder) -> Touching:
         return Touching(lab, record, self)
 
-    def course(
-        self, plan: Plan[TouchStep, Ranking | None], points: Sequence[SoftnessPoint], lab: Lab
-    ) -> Generator[int, None, str]:
+    def course(self, plan: RankingPlan, points: Sequence[SoftnessPoint], lab: Lab) -> Generator[int, None, str]:
         """Each object ends once it has enough sets for the order."""
         ranking = plan.basis
 
@@ -657,9 +616,7 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
 
         return until_full(plan.steps, points, lambda step: step.object, full)
 
-    def evaluate(
-        self, points: Sequence[SoftnessPoint], plan: Plan[TouchStep, Ranking | None], lab: Lab
-    ) -> SoftnessResult:
+    def evaluate(self, points: Sequence[SoftnessPoint], plan: RankingPlan, lab: Lab) -> SoftnessResult:
         question = self.model_question(lab.design)
         found = evaluate(points, lab.design, question, lab.references, lab.same_films)
         if plan.basis is None or not found.softness_order:

@@ -179,29 +179,6 @@ def _about(line: Interpolation) -> Component:
     return Component("scatter about the line", u, degrees_of_freedom=line.degrees_of_freedom, kind="A")
 
 
-# -------------------------------------------------------------------------------------------------------
-# What a temperature sweep is expected to give: the uncertainty of the force ratio's change with temperature
-#
-# It is that of the line through the ratios over the changes of temperature, whose points scatter as the design says
-# [M], with the noise of the films, which is the usual one [A] where none is stated. What a change adds to a film's
-# offset depends on the films' surroundings: its uncertainty is found by the run alone.
-
-
-def expected_change(design: Design, ratio: float, load: float, dwell: float, steps: Sequence[float]) -> list[Expected]:
-    """Uncertainty of the relative change of the ratio [1/K].
-
-    Args:
-        design: design of the sensor.
-        ratio: expected force ratio of the sample.
-        load: load, peak to peak [N].
-        dwell: dwell of each point [s].
-        steps: the changes of temperature [K].
-    """
-    point = expected_mean("point", design, ratio, [load], [dwell])
-    line = interpolate(steps, [0.0] * len(steps), point.u / point.value)
-    return [Expected("change of the force ratio with a trend", math.sqrt(line.covariance[1, 1]), "1/K")]
-
-
 # --- the procedure -------------------------------------------------------------------------------------
 
 RANGE = (-20.0, 40.0)  # K relative to the start; PVDF loses its polarisation above about 80 °C [S]
@@ -243,14 +220,6 @@ class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResul
     ] = 1800.0
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: the temperatures make too few different changes or exceed what films bear, the soak is outside
-                its limits, the load exceeds the force limit, the frequency or the dwell is outside its limits, or the
-                bench has too few sensor nodes.
-            UnknownName: there is no such sample.
-        """
         check_nodes(target.design, target.nodes, target.channels)
         get_sample(self.sample)
         changes = steps_of(self.temperatures)
@@ -283,9 +252,19 @@ class TemperatureSweep(Sweep[TemperatureStep, TemperaturePoint, TemperatureResul
             what, group = show(temperature, "K"), f"mount sample {self.sample}"
             scatter = target.design.ratio_scatter
             steps.append(TemperatureStep(self.dwell, seconds, scatter, temperature, change, what=what, group=group))
-        ratio = expected_ratio(target.design, self.sample)
-        found = expected_change(target.design, ratio, self.load, self.dwell, steps_of(self.temperatures))
-        return Plan(self.name, steps, predicted(steps, found))
+        return Plan(self.name, steps, predicted(steps, self._expected(target.design)))
+
+    def _expected(self, design: Design) -> list[Expected]:
+        """Uncertainty of the relative change of the ratio [1/K].
+
+        It is that of the line through the ratios over the changes of temperature, whose points scatter as the design
+        says [M], with the noise of the films, which is the usual one [A] where none is stated. What a change adds to a
+        film's offset depends on the films' surroundings: its uncertainty is found by the run alone.
+        """
+        point = expected_mean("point", design, expected_ratio(design, self.sample), [self.load], [self.dwell])
+        steps = steps_of(self.temperatures)
+        line = interpolate(steps, [0.0] * len(steps), point.u / point.value)
+        return [Expected("change of the force ratio with a trend", math.sqrt(line.covariance[1, 1]), "1/K")]
 
     def begin(self, plan: Plan[TemperatureStep], lab: Lab, record: Recorder) -> TemperatureSweepWork:
         return TemperatureSweepWork(lab, record, self)

@@ -9,6 +9,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
+from palpate.instrument.quantity import plus_minus
 from palpate.procedures.console.terminal import console
 from palpate.procedures.steps.beside import sentence
 from palpate.procedures.steps.flags import FLAGS, Judged
@@ -187,6 +188,12 @@ def taken(outcome: Outcome) -> str:
 def short(value: float | None) -> str:
     """A number with two digits in scientific notation; "-" for None."""
     return "-" if value is None else f"{value:.1e}"
+
+
+def uncertainty_line(of: str, half: float, u: float, foreseen: float | None) -> str:
+    """A line with the greatest half-width of the 95 % interval of some results, and their greatest uncertainty."""
+    told = "" if foreseen is None else f" (predicted {percent(foreseen)} %)"
+    return f"uncertainty    {plus_minus(half)} of {of} at most; u {percent(u)} %{told}"
 
 
 def percent(value: float | None) -> str:

@@ -46,9 +46,10 @@ def measure() -> Iterator[Row]:
 def sloped(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
     """Rounds of loads until both films have a tolerance. Gains, readings of the loads and the load cell are drawn."""
     rng = np.random.default_rng(24)
-    asked = Characterisation(tolerance=tolerance).plan(replace(TARGET, load_cell=THESIS_LOAD_CELL)).basis
+    series = Characterisation(tolerance=tolerance)
+    asked = series.plan(replace(TARGET, load_cell=THESIS_LOAD_CELL)).basis
     assert asked is not None
-    plan, conditions = asked.allocation, asked.of
+    plan, conditions = asked[0].plan, asked[0].of
     loads, off = np.array(conditions.loads), reading_u(THESIS_LOAD_CELL, 1.0)
     slopes = np.array([film.sensitivity * conditions.force(film, 1.0) for film in SINGLE.films])
     noise = np.array([conditions.noise(film) for film in SINGLE.films]).T
@@ -57,18 +58,18 @@ def sloped(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -
     for _ in range(runs):
         each = scatter * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
         cell, up = CELL * rng.standard_normal(), list[FilmsPoint]()
-        while not asked.has_enough(up) and len(up) < asked.most * loads.size:
+        while not series.has_enough(asked, up) and len(up) < asked[0].most:
             seen = loads * (1 + cell) + off * rng.standard_normal(loads.size)
             felt = loads[:, np.newaxis] * (1 + each * rng.standard_normal(noise.shape))
             volts = slopes * (felt + noise * rng.standard_normal(noise.shape))
             up += [_point(*of) for of in zip(loads.tolist(), seen.tolist(), volts, strict=True)]
-        found = _evaluated(up, asked.found(up))
+        found = _evaluated(up, [line for each in asked if (line := each.line(up))])
         for film in (RIGID, TOTAL):
             sensitivity = found[f"force sensitivity, {SINGLE.films[film].name}"]
             deviations.append(sensitivity.value / slopes[film] - 1)
             us.append(sensitivity.u / sensitivity.value)
             inside += abs(sensitivity.value - slopes[film]) <= sensitivity.expanded()
-        seconds += asked.costs.seconds(1, len(up), plan.dwell)
+        seconds += asked[0].costs.seconds(1, len(up), plan.dwell)
     what = f"sensitivity, {name}, {tolerance:.1%}"
     yield from held(what, deviations, us, inside)
     yield timed(what, seconds / runs / plan.seconds, factor == 1.0 and not drawn)

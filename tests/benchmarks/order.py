@@ -9,7 +9,7 @@ import numpy as np
 
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.measurements.softness import Ranking, SoftnessPoint
+from palpate.procedures.measurements.softness import Ranking, SoftnessPoint, SoftnessTest
 from tests.benchmarks.row import Row
 
 RUNS = 500
@@ -38,7 +38,8 @@ def ranked(name: str, truth: Mapping[str, float], factor: float, drawn: bool, ru
     """Runs whose sets scatter about the true ratios. Planned are those of the samples by the thesis' means."""
     rng = np.random.default_rng(20)
     objects = tuple(get_sample(each) for each in truth)
-    ranking = Ranking(SINGLE, objects, (3.0,), 10.0, 1.0, RISK, MOST)
+    test = SoftnessTest(objects, (3.0,), 1.0, 10.0, risk=RISK, sets=MOST)
+    ranking = Ranking(SINGLE, test, RISK)
     planned = ranking.predicted()
     wrong, left, sets, seconds = 0, 0, 0, 0.0
     for _ in range(runs):
@@ -57,7 +58,7 @@ def ranked(name: str, truth: Mapping[str, float], factor: float, drawn: bool, ru
         wrong += any(means[a] > means[b] for a, b in told)
         left += bool(pairs)
         sets += len(points)
-        seconds += math.fsum(ranking.costs.seconds(1, count, ranking.dwell) for count in found.sets.values())
+        seconds += math.fsum(ranking.costs.seconds(1, count, test.dwell) for count in found.sets.values())
     share = wrong / runs
     yield Row(f"{name}: runs with a wrong pair", f"{share:.1%}", f"<= {RISK:.0%}", share <= RISK)
     over = seconds / runs / planned.seconds

@@ -15,11 +15,12 @@ from palpate.instrument.quantity import counted
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component, coverage_factor
-from palpate.procedures.measurements.films import FilmRepeats, PressedPoint
+from palpate.procedures.lab.lab import Target
+from palpate.procedures.measurements.films import FilmSeries, PressedPoint
 from palpate.procedures.measurements.load_cell.procedure import LOADS as CELL_LOADS
 from palpate.procedures.measurements.load_cell.report import REPEATS
-from palpate.procedures.measurements.loads import Repeats
-from palpate.procedures.measurements.position import PlaceRepeats, PositionPoint, share_noise
+from palpate.procedures.measurements.loads import LoadSweep
+from palpate.procedures.measurements.position import PositionPoint, PositionSweep, share_noise
 from palpate.procedures.measurements.prospects import DISPLAY_NOISE
 from tests.benchmarks.row import Row
 
@@ -72,15 +73,17 @@ def weighed(name: str, off: float, count: int, runs: int) -> Row:
 def repeated(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
     """One sample, whose sets scatter about a ratio of 1 in logarithms of 0."""
     rng = np.random.default_rng(21)
-    asked = Repeats(SINGLE, (SAMPLE,), LOADS, 10.0, tolerance)
-    plan = asked.allocations[SAMPLE]
+    repeats = LoadSweep((SAMPLE,), LOADS, tolerance=tolerance).plan(Target(SINGLE, 10.0, nodes=1)).basis
+    assert repeats is not None
+    asked = repeats[SAMPLE]
+    plan = asked.plan
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
         each = factor * SINGLE.ratio_scatter * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
         ratios: list[float] = []
-        while not (ratios and asked.has_enough(SAMPLE, len(ratios), ratios)) and len(ratios) < asked.most(SAMPLE):
+        while not asked.is_enough(len(ratios), ratios) and len(ratios) < asked.most:
             ratios += np.exp(each * rng.standard_normal(len(LOADS))).tolist()
-        found = asked.answer(SAMPLE, ratios)
+        found = asked.answer(ratios)
         deviations.append(math.log(found.ratio))
         us.append(found.u)
         inside += abs(deviations[-1]) <= found.budget.expanded()
@@ -93,14 +96,16 @@ def repeated(name: str, factor: float, drawn: bool, tolerance: float, runs: int)
 def pressed(name: str, factor: float, drawn: bool, tolerance: float, runs: int) -> Iterator[Row]:
     """A tooth that is pressed until its films' sensitivities have a tolerance; the load cell is drawn, too."""
     rng = np.random.default_rng(22)
-    asked = FilmRepeats(SINGLE, THESIS_LOAD_CELL, LOADS, (10.0,), 1.0, tolerance)
-    plan, cell, readings = asked.allocation, THESIS_LOAD_CELL.mean_curve_u(np.array(LOADS)), np.array(LOADS)
+    series = FilmSeries(LOADS, tolerance=tolerance)
+    asked = series.plan(Target(SINGLE, 10.0, nodes=1, load_cell=THESIS_LOAD_CELL)).basis
+    assert asked is not None
+    plan, cell, readings = asked.plan, THESIS_LOAD_CELL.mean_curve_u(np.array(LOADS)), np.array(LOADS)
     scatter = np.array([film.scatter for film in SINGLE.films]) * factor
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
         each = scatter * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
         common, points = cell * rng.standard_normal(), list[PressedPoint]()
-        while not asked.has_enough(points) and len(points) < asked.most():
+        while not series.has_enough(asked, points, SINGLE) and len(points) < asked.most:
             for load in readings:
                 gains = tuple((load * (1 + each * rng.standard_normal(2))).tolist())
                 points.append(PressedPoint(1, 10.0, load, 0.0, load, 0.0, False, gains, (0.0, 0.0), True, ()))
@@ -126,20 +131,23 @@ def located(name: str, factor: float, drawn: bool, place: float, tolerance: floa
     """
     rng = np.random.default_rng(23)
     design, sample = get_design("common_base"), get_sample("1")
-    asked = PlaceRepeats(design, sample, (place,), 2.0, 10.0, tolerance, None)
-    plan, expected = asked.allocations[place], np.array(tooth_shares(design, sample, (place, design.cell[1] / 2)))
+    sweep = PositionSweep((place,), tolerance=tolerance)
+    repeats = sweep.plan(Target(design, 10.0, nodes=1)).basis
+    assert repeats is not None
+    asked = repeats[place]
+    plan, expected = asked.plan, np.array(tooth_shares(design, sample, (place, design.cell[1] / 2)))
     noise = np.array(share_noise(design, expected.tolist(), 2.0)) / math.sqrt(plan.dwell)
     gains = np.array(design.scatter_triangle)
     deviations, us, inside, seconds = [], [], 0, 0.0
     for _ in range(runs):
         each = factor * (math.sqrt(7 / rng.chisquare(7)) if drawn else 1.0)
         true, points = np.maximum(expected + rng.uniform(-ERROR, ERROR, 2), 0.0), list[PositionPoint]()
-        while not asked.has_enough(place, points, points) and len(points) < asked.most(place):
+        while not asked.are_enough(points) and len(points) < asked.most:
             for _ in range(1 if points else FIRST):
                 left, right, base = 1 + each * gains @ rng.standard_normal(3)
                 shares = true * (left, right) / base + noise * rng.standard_normal(2)
                 points.append(_set_at(place, *shares.tolist()))
-        found = asked.place(place, points)
+        found = asked.place(points)
         assert found is not None
         deviations.append(found.found_mm - 1e3 * place)
         us.append(found.found_u)

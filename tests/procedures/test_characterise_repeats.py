@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -17,8 +18,9 @@ from palpate.instrument.findings.film_forces import NOISE
 from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeRepeats
+from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeSets
 from palpate.procedures.measurements.characterise.report import FilmsPoint
+from palpate.procedures.measurements.prospects import ended_by
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -28,10 +30,14 @@ LOADS = (2.0, 3.0, 4.0)
 ASKED = Characterisation(loads=LOADS, dwell=0.2, drift_time=2.0, tolerance=0.07)
 
 
-def repeats(tolerance: float | None = 0.07, time: float | None = None) -> SlopeRepeats:
+def repeats(tolerance: float | None = 0.07, time: float | None = None) -> Sequence[SlopeSets]:
     found = replace(ASKED, tolerance=tolerance, time=time).plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
     assert found is not None
     return found
+
+
+def has_enough(points: Sequence[FilmsPoint]) -> bool:
+    return ASKED.has_enough(repeats(), points)
 
 
 def rounds(count: int, apart: float, seconds: float = 3.0) -> list[FilmsPoint]:
@@ -66,33 +72,33 @@ def test_a_smaller_tolerance_takes_more_rounds_and_tells_each_figure() -> None:
 
 
 def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:
-    asked = repeats()
-    assert asked.has_enough(rounds(5, 0.02))
-    assert not asked.has_enough(rounds(5, 0.02)[:-1])
-    assert not asked.has_enough(rounds(3, 0.02))
-    assert not asked.has_enough(rounds(5, 0.1))
-    assert asked.has_enough(rounds(80, 0.1))
-    assert not asked.has_enough([replace(point, valid=False) for point in rounds(5, 0.02)])
+    assert has_enough(rounds(5, 0.02))
+    assert not has_enough(rounds(5, 0.02)[:-1])
+    assert not has_enough(rounds(3, 0.02))
+    assert not has_enough(rounds(5, 0.1))
+    assert has_enough(rounds(80, 0.1))
+    assert not has_enough([replace(point, valid=False) for point in rounds(5, 0.02)])
     at_one_load = [replace(point, valid=point.load_N == LOADS[0]) for point in rounds(12, 0.0)]
-    assert not asked.has_enough(at_one_load)
-    assert asked.found(at_one_load) == []
+    assert not has_enough(at_one_load)
+    assert repeats()[0].line(at_one_load) is None
 
 
 def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
-    asked = repeats(None, 160.0)
+    asked, sets = replace(ASKED, tolerance=None, time=160.0), repeats(None, 160.0)
     left = 160.0 - asked.after
-    assert not asked.has_enough(rounds(1, 0.02, (left - 20) / 3))
-    assert asked.has_enough(rounds(1, 0.02, (left - 2) / 3))
-    assert asked.stopped([("rigid", 0.1)]) == "another round of loads would not have ended within 160 s"
+    assert not asked.has_enough(sets, rounds(1, 0.02, (left - 20) / 3))
+    assert asked.has_enough(sets, rounds(1, 0.02, (left - 2) / 3))
+    ended = ended_by("round of loads", "", asked.time, "")
+    assert ended == "another round of loads would not have ended within 160 s"
 
 
 def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:
-    each = repeats().costs.set + ASKED.dwell
-    two = repeats().costs.start + 2 * len(LOADS) * each
-    sets = [repeats(None, two + spare).allocation.sets for spare in (0.9, 1.1)]
+    each = repeats()[0].costs.set + ASKED.dwell
+    two = repeats()[0].costs.start + 2 * len(LOADS) * each
+    sets = [repeats(None, two + spare)[0].plan.sets for spare in (0.9, 1.1)]
     assert sets == [len(LOADS), 2 * len(LOADS)]
-    least = repeats().costs.start + len(LOADS) * each
-    assert repeats(None, least + 1e-6).allocation.sets == len(LOADS)
+    least = repeats()[0].costs.start + len(LOADS) * each
+    assert repeats(None, least + 1e-6)[0].plan.sets == len(LOADS)
     with pytest.raises(RangeError, match="too short"):
         replace(ASKED, tolerance=None, time=least - 1e-6).plan(REAL)
     with pytest.raises(
@@ -102,11 +108,12 @@ def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:
 
 
 def test_sets_that_agree_by_chance_leave_what_readings_and_noise_do() -> None:
-    asked, points = repeats(), rounds(4, 1e-9)
-    film = REAL.design.films[0]
-    least = budget([line for line in asked.lines(film) if line.name in (NOISE, READING)], 1, len(points), 0.2)
-    assert asked.found(points)[0].u == pytest.approx(least.u)
-    assert asked.found(points[:2]) == []
+    asked, points = repeats()[0], rounds(4, 1e-9)
+    least = budget([line for line in asked.lines if line.name in (NOISE, READING)], 1, len(points), 0.2)
+    found = asked.line(points)
+    assert found is not None
+    assert found.u == pytest.approx(least.u)
+    assert asked.line(points[:2]) is None
 
 
 def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:
@@ -115,7 +122,7 @@ def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said()
     assert "palpate calibrate load-cell --tolerance '0.707 %'" in str(error.value)
     best = parse_tolerance(str(error.value).split("best now  --tolerance '")[1].split("'")[0])
     replace(ASKED, tolerance=best).plan(REAL)
-    assert repeats(best).most * len(LOADS) <= MOST_SETS
+    assert repeats(best)[0].most <= MOST_SETS
     better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "covariance": 0.0})
     replace(ASKED, tolerance=0.01).plan(replace(REAL, load_cell=better))
 

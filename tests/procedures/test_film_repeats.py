@@ -56,9 +56,14 @@ def test_a_tooth_has_enough_after_a_whole_round_in_which_each_film_is_known() ->
     asked = series(0.04)
     assert asked.tolerance is not None
     repeats = asked.plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
+    assert repeats is not None
     same = [1e-3, 1.01e-3] * 10
-    assert [repeats.has_enough(pressed(same[:count])) for count in (0, 9, 10, 11, 12)] == [False] * 4 + [True]
-    assert not repeats.has_enough(pressed([1e-3, 1.3e-3] * 6))  # the tooth's film scatters, the base's does not
+    assert [asked.has_enough(repeats, pressed(same[:count]), REAL.design) for count in (0, 9, 10, 11, 12)] == [
+        False
+    ] * 4 + [True]
+    assert not asked.has_enough(
+        repeats, pressed([1e-3, 1.3e-3] * 6), REAL.design
+    )  # the tooth's film scatters, the base's does not
 
 
 def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:
@@ -74,9 +79,12 @@ def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said()
 def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> None:
     with palpate.open_bench(scene="thesis_single") as bench:
         done = palpate.run(series(0.03), bench, out=tmp_path / "run")
-    repeats = series(0.03).plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
+    asked = series(0.03)
+    repeats = asked.plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
+    assert repeats is not None
     ends = range(len(LOADS), len(done.result.points) + 1, len(LOADS))
-    assert [repeats.has_enough(done.result.points[:end]) for end in ends] == [False] * (len(ends) - 1) + [True]
+    enough = [asked.has_enough(repeats, done.result.points[:end], REAL.design) for end in ends]
+    assert enough == [False] * (len(ends) - 1) + [True]
     assert done.outcome["achieved_u"] == done.result.achieved_u < done.result.reached <= 0.03
     assert done.outcome["predicted_u"] == pytest.approx(0.0107, rel=0.01)
 

@@ -10,13 +10,20 @@ import numpy as np
 import pytest
 from scipy.special import ndtr
 
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, WeightRun, load_cell_curve, slope_u
+from palpate.instrument.calibration.load_cell import (
+    THESIS_LOAD_CELL,
+    LoadCellCalibration,
+    WeightRun,
+    load_cell_curve,
+    slope_u,
+)
 from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor, mean_u
 from palpate.procedures.measurements.load_cell.procedure import (
     LOADS,
-    CellRepeats,
     Learned,
+    LoadCellSeries,
+    PlannedRuns,
     expected_sensitivity,
     run_seconds,
     spread,
@@ -28,8 +35,8 @@ CALIBRATE = ("calibrate", "load-cell")
 SLOPE, STEP = 10.306, 1.0  # mV/N, mV
 
 
-def asked(tolerance: float) -> CellRepeats:
-    return CellRepeats(tolerance, LOADS, 1, 1, None, THESIS_LOAD_CELL)
+def quickest(tolerance: float, cell: LoadCellCalibration = THESIS_LOAD_CELL, loads_u: float = 0.0) -> PlannedRuns:
+    return LoadCellSeries(loads_u=loads_u).quickest(cell, tolerance)
 
 
 def run_up_and_down(
@@ -49,11 +56,11 @@ def run_up_and_down(
 
 
 def measured(
-    random: np.random.Generator, wanted: CellRepeats, noise: float = 0.3, slope: float = SLOPE
+    random: np.random.Generator, tolerance: float, noise: float = 0.3, slope: float = SLOPE
 ) -> tuple[tuple[float, ...], list[WeightRun]]:
     """The loads of a series and its runs, as many as it asks for."""
-    loads, runs, zero = wanted.quickest.loads, [], float(random.uniform(0, STEP))
-    while not runs or wanted.learned(loads, runs, STEP).runs > len(runs):
+    loads, runs, zero = quickest(tolerance).loads, [], float(random.uniform(0, STEP))
+    while not runs or LoadCellSeries().learned(tolerance, loads, runs, STEP).runs > len(runs):
         runs.append(run_up_and_down(random, loads, noise, slope, zero=zero))
     return loads, runs
 
@@ -63,14 +70,14 @@ def measured(
 
 @pytest.mark.parametrize("tolerance", [0.006, 0.003, 0.0028])
 def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: float) -> None:
-    plan = asked(tolerance).quickest
-    quickest = min(
+    plan = quickest(tolerance)
+    seconds = min(
         runs * run_seconds(count)
         for count in range(5, len(LOADS) + 1)
         for runs in range(1, 20)
         if 1.96 * expected_sensitivity(spread(LOADS, count), 2 * REPEATS * runs, 1, THESIS_LOAD_CELL)[0].u <= tolerance
     )
-    assert plan.allocation.seconds == pytest.approx(quickest)
+    assert plan.allocation.seconds == pytest.approx(seconds)
     (promised,) = expected_sensitivity(plan.loads, 2 * REPEATS * plan.runs, 1, THESIS_LOAD_CELL)
     assert plan.allocation.u == pytest.approx(promised.u)
     assert plan.allocation.half == pytest.approx(1.96 * promised.u, rel=1e-4)  # all that is uncertain is known
@@ -79,17 +86,16 @@ def test_the_plan_is_the_quickest_of_all_numbers_of_weights_and_runs(tolerance: 
 
 def test_what_the_steps_of_the_display_leave_no_run_lowers_and_the_refusal_says_what_would() -> None:
     with pytest.raises(RangeError, match=r"resolution leaves ± 0\.253 %: the display") as refused:
-        asked(0.001).predicted()
+        quickest(0.001)
     assert "best now  --tolerance '0.26 %'" in str(refused.value)
     assert "± 0.161 % by weights that are rounded independently" in str(refused.value)  # 1.96 · 0.0821 %
-    assert asked(0.0026).quickest.allocation.half <= 0.0026
-    finer = replace(asked(0.001), cell=THESIS_LOAD_CELL.model_copy(update={"resolution_mV": 0.1}))
-    assert finer.quickest.allocation.half <= 0.001
+    assert quickest(0.0026).allocation.half <= 0.0026
+    finer = THESIS_LOAD_CELL.model_copy(update={"resolution_mV": 0.1})
+    assert quickest(0.001, finer).allocation.half <= 0.001
 
 
 def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_lowers_it(palpate: Palpate) -> None:
-    wanted = replace(asked(0.006), loads_u=0.001)
-    exact, plan = asked(0.006).quickest, wanted.quickest
+    exact, plan = quickest(0.006), quickest(0.006, loads_u=0.001)
     assert plan.allocation.u == pytest.approx(math.hypot(exact.allocation.u, 0.001))
     assert plan.allocation.shares["weights"] == pytest.approx((0.001 / plan.allocation.u) ** 2)
     run = run_up_and_down(np.random.default_rng(1), LOADS)
@@ -102,9 +108,9 @@ def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_low
 
 def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tolerance() -> None:
     said = []
-    for wanted in (replace(asked(0.0026), loads_u=0.0024 / 1.96), asked(0.001)):  # 0.26² = 0.24² + 0.1²
+    for tolerance, loads_u in ((0.0026, 0.0024 / 1.96), (0.001, 0.0)):  # 0.26² = 0.24² + 0.1²
         with pytest.raises(RangeError, match=r"resolution leaves ± 0\.253 %.*: the display") as refused:
-            wanted.predicted()
+            quickest(tolerance, loads_u=loads_u)
         said.append(float(str(refused.value).split("weights up to ")[1].split(" N")[0]))
     assert said[0] == pytest.approx(said[1], rel=1e-3)
 
@@ -113,17 +119,16 @@ def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tole
 
 
 def test_a_display_that_scatters_more_than_was_expected_takes_more_runs() -> None:
-    wanted = asked(0.003)
-    usual, noisy = (len(measured(np.random.default_rng(1), wanted, noise)[1]) for noise in (0.3, 0.9))
-    assert usual <= wanted.quickest.runs + 1
+    usual, noisy = (len(measured(np.random.default_rng(1), 0.003, noise)[1]) for noise in (0.3, 0.9))
+    assert usual <= quickest(0.003).runs + 1
     assert noisy > 2 * usual
 
 
 def test_a_cell_that_is_off_its_curve_ends_the_series_and_says_so() -> None:
-    loads, random = asked(0.003).quickest.loads, np.random.default_rng(2)
+    loads, random = quickest(0.003).loads, np.random.default_rng(2)
     bent = run_up_and_down(random, loads)
     off = 2.0 * (-1) ** np.arange(len(loads))
-    found = asked(0.003).learned(loads, [replace(bent, loading_mV=bent.loading_mV + off)], STEP)
+    found = LoadCellSeries().learned(0.003, loads, [replace(bent, loading_mV=bent.loading_mV + off)], STEP)
     assert found.runs == 1
     assert found.why_not.startswith("deviation from the curve leaves")
 
@@ -160,11 +165,11 @@ def test_a_series_to_a_tolerance_ends_when_it_is_reached_and_tells_predicted_and
 @pytest.mark.slow
 def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivity() -> None:
     """Where slopes differ, loads share no rounding on average, while u is the greatest one over the slopes."""
-    random, wanted, number = np.random.default_rng(5), asked(0.003), 200
+    random, number = np.random.default_rng(5), 200
     held, expected, errors, independent = 0, 0.0, [], []
     for _ in range(number):
         slope = SLOPE * random.uniform(0.95, 1.05)
-        loads, runs = measured(random, wanted, 0.6, slope)
+        loads, runs = measured(random, 0.003, 0.6, slope)
         curve = load_cell_curve(np.array(loads), runs, STEP, None)
         found, scatter = curve.sensitivity, curve.scatter_mV
         assert scatter is not None
@@ -173,7 +178,7 @@ def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivi
         k = coverage_factor(found.degrees_of_freedom)
         held += abs(errors[-1]) <= k * found.u
         expected += 2 * ndtr(k * found.u / independent[-1]) - 1
-        reached = wanted.learned(loads, runs, STEP)
+        reached = LoadCellSeries().learned(0.003, loads, runs, STEP)
         assert k * found.u / found.value <= 0.003 or reached.why_not
     assert held / number == pytest.approx(expected / number, abs=0.025)
     assert np.std(errors) <= 1.05 * math.sqrt(np.mean(np.square(independent)))
@@ -181,10 +186,10 @@ def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivi
 
 def test_a_series_that_misses_its_tolerance_says_why() -> None:
     missed = Learned(0.004, 5, "")
-    assert asked(0.003).stopped(missed).endswith("was asked for; the most runs that were planned are done")
-    assert ";" not in asked(0.003).stopped(replace(missed, half=0.002))
+    assert missed.ended(0.003).endswith("was asked for; the most runs that were planned are done")
+    assert ";" not in replace(missed, half=0.002).ended(0.003)
     reason = "curve leaves 0.4 %, which no further run lowers"
-    assert asked(0.003).stopped(replace(missed, why_not=reason)).endswith(reason)
+    assert replace(missed, why_not=reason).ended(0.003).endswith(reason)
 
 
 # --- a class that is asked for -----------------------------------------------------------------------------

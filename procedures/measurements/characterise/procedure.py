@@ -3,19 +3,20 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Generator, Sequence
-from dataclasses import asdict, dataclass, replace
-from functools import cached_property, partial
+from collections.abc import Generator, Sequence
+from dataclasses import dataclass, replace
+from functools import partial
 from typing import Annotated
 
 import numpy as np
 
 from palpate.drivers.roles import SensorNode
-from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
-from palpate.instrument.allocation.stopping import answer, enough, first_sets
-from palpate.instrument.allocation.table import FIRST, MOST_SETS, ROUNDING, Allocation, RunOption, allocation
+from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget, falling
+from palpate.instrument.allocation.repeated import Repeated
+from palpate.instrument.allocation.stopping import enough
+from palpate.instrument.allocation.table import FIRST, MOST_SETS, Allocation, RunOption, allocation
 from palpate.instrument.arrays import Floats
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
+from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.own import FULL_SCALE_COUNTS, HEADROOM, RANGE_VOLTS
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import NOISE, PRIOR_FREEDOM, SCATTER
@@ -27,18 +28,17 @@ from palpate.instrument.uncertainty.budget import Budget, Component
 from palpate.procedures.engine.plan import Plan, Predicted, Step, noise_of, point_seconds
 from palpate.procedures.engine.procedure import (
     RELATIVE,
-    RESULTS,
     Expected,
     Measurement,
     Procedure,
     Report,
     RequiredLoads,
+    foreseen,
     predicted,
     until_full,
 )
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import probable_load_cell
-from palpate.procedures.lab.lab import BY_HAND, Lab, Mounts, Target
+from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.measurements.characterise.report import (
     DEFINITIONS,
     HOLDING,
@@ -61,15 +61,16 @@ from palpate.procedures.measurements.characterise.report import (
 )
 from palpate.procedures.measurements.prospects import (
     binding,
+    ended_by,
     expected_ratio,
     film_noise,
     load_on,
-    most_sets,
-    planned_for,
+    probable_cell_of,
     reading_u,
-    refusal,
+    repeated,
     share,
     too_long,
+    wanted_of,
 )
 from palpate.procedures.measurements.settings import (
     DwellTime,
@@ -168,7 +169,7 @@ def expected_figures(
     rounds: int,
     times: Sequence[float],
     force_limit: float,
-    slope_u: Callable[[Film], float] | None = None,
+    slopes: Sequence[float] | None = None,
 ) -> list[Expected]:
     """The uncertainty of each figure of merit.
 
@@ -177,13 +178,13 @@ def expected_figures(
         rounds: how often each load is set on the way up.
         times: times of the points while the middle load is held [s].
         force_limit: force limit of the bench [N].
-        slope_u: relative uncertainty of the slope of a film's line; None: by the scatter about that line.
+        slopes: relative uncertainty of the slope of each film's line; None: by the scatter about that line.
     """
     found = []
-    for film in of.design.films:
+    for number, film in enumerate(of.design.films):
         sources = _sources(of, film, rounds, times, force_limit)
-        if slope_u is not None:
-            sources = replace(sources, line=Component("line", slope_u(film)))
+        if slopes is not None:
+            sources = replace(sources, line=Component("line", slopes[number]))
         parts = components(sources)
         for quantity, each in parts.items():
             u = factor(quantity, 1.0) * math.hypot(*(part.u for part in each))
@@ -235,118 +236,49 @@ Set = tuple[float, float]  # a load [N], and a film's voltage under it [V]
 
 
 @dataclass(frozen=True)
-class SlopeRepeats:
-    """Rounds of loads that give the force sensitivities a tolerance, or that fill a time.
-
-    Attributes:
-        of: the conditions; the loads are those of one round.
-        costs: bench times of a load set on the way up, and in `start` of all that is beside these sets.
-        after: of that, the time after the last round [s].
-        tolerance: half-width of the 95 % interval of each sensitivity, relative; None: as good as the time allows.
-        time: bench time of the run [s]; None: as long as the tolerance takes.
-        mounts: who mounts the sample, and how long that takes.
-    """
+class SlopeSets(Repeated):
+    """The load sets on the way up for the force sensitivity of a film, which has a number; all films have one plan."""
 
     of: Conditions
-    costs: Costs
-    after: float
-    tolerance: float | None
-    time: float | None
-    mounts: Mounts = BY_HAND
+    number: int
 
-    @cached_property
-    def allocation(self) -> Allocation:
-        """The plan in whole rounds, by the film that needs most of them.
-
-        Raises:
-            RangeError: no number of rounds reaches the tolerance, or not one fits into the time; the message says what
-                would do.
-        """
-        if self.tolerance is not None:
-            plan = _for_tolerance(self, self.tolerance)
-            if self.time is None or plan.seconds <= self.time:
-                return plan
-        return _for_time(self, self.time or 0.0)
-
-    def lines(self, film: Film) -> tuple[BudgetLine, ...]:
-        """Lines of a film's sensitivity."""
-        loads, cell = np.array(self.of.loads), cell_component(self.of.cell)
-        away = loads - loads.mean()
-        weight = math.sqrt(loads.size) * away / float(away @ away)
-
-        def slope_u(each: np.ndarray | float) -> float:
-            """Relative uncertainty of the slope by one load set [1], of errors of the loads [N]."""
-            return float(np.linalg.norm(weight * each))
-
-        return (
-            BudgetLine(SCATTER, slope_u(film.scatter * loads), RepeatUnit.SET, PRIOR_FREEDOM),
-            BudgetLine(NOISE, slope_u(self.of.noise(film)) * math.sqrt(self.of.dwell), RepeatUnit.SECOND),
-            BudgetLine(READING, slope_u(reading_u(self.of.cell, 1.0)), RepeatUnit.SET),
-            BudgetLine(LOAD_CELL, cell.u, RepeatUnit.NOTHING, cell.degrees_of_freedom),
-        )
-
-    @cached_property
-    def most(self) -> int:
-        """The most rounds of a run."""
-        loads = len(self.of.loads)
-        return most_sets(self.allocation, loads) // loads
-
-    def has_enough(self, points: Sequence[FilmsPoint]) -> bool:
-        """Whether no further round is needed, by all points so far."""
-        up = [point for point in points if point.direction == LOADING]
-        if not up or len(up) % len(self.of.loads):
+    def are_enough(self, points: Sequence[FilmsPoint]) -> bool:
+        """Whether the valid ones of the points reach the tolerance, or by their scatter no number of them does."""
+        sets = self._valid(points)
+        if self.tolerance is None or len(sets) < FIRST:
             return False
-        sets = tuple(_sets(points, number) for number in range(len(self.of.design.films)))
-        return self._known(sets) or self._late(points)
-
-    def found(self, points: Sequence[FilmsPoint]) -> list[Component]:
-        """Relative uncertainty of each film's slope, without that of the load cell; empty: too few sets are valid."""
-        sets = [_sets(points, number) for number in range(len(self.of.design.films))]
-        return [self._line(number, each) for number, each in enumerate(sets) if each]
-
-    def stopped(self, sensitivities: Sequence[tuple[str, float]]) -> str:
-        """Why the run ended, for people; `sensitivities`: each film with the half-width that it reached."""
-        if self.tolerance is None:
-            return f"another round of loads would not have ended within {show(self.time or 0.0, 's')}"
-        within = "" if self.time is None else f" within {show(self.time, 's')}"
-        most = self.tolerance * (1 + ROUNDING)
-        missed = [f"{plus_minus(half, 3)} of film {film}" for film, half in sensitivities if half > most]
-        if not missed:
-            return f"{plus_minus(self.tolerance, 3)} reached{within}"
-        return f"{plus_minus(self.tolerance, 3)} NOT REACHED{within}: {', '.join(missed)}"
-
-    def _known(self, sets: Sequence[Sequence[Set]]) -> bool:
-        """Whether the valid sets of all films reach the tolerance, or no time would."""
-        return self.tolerance is not None and all(
-            len(each) >= FIRST and self._enough(number, each, self.tolerance) for number, each in enumerate(sets)
-        )
-
-    def _enough(self, number: int, sets: Sequence[Set], tolerance: float) -> bool:
-        film, plan = self.of.design.films[number], self.allocation
         try:
-            verdict = enough(self.lines(film), self.costs, tolerance, plan, 1.0, [self._apart(film, sets)])
-        except RangeError:  # by the scatter that was found no time is enough
+            verdict = enough(self.lines, self.costs, self.tolerance, self.plan, 1.0, [self._apart(sets)])
+        except RangeError:
             return True
-        parts = self._line(number, sets), cell_component(self.of.cell)
-        return bool(verdict.why) and Budget("slope", 1.0, "", parts).expanded() <= tolerance * (1 + ROUNDING)
+        parts = self._line(sets), cell_component(self.of.cell)
+        return bool(verdict.why) and self.reaches(Budget("slope", 1.0, "", parts).expanded())
 
-    def _line(self, number: int, sets: Sequence[Set]) -> Component:
-        film, plan = self.of.design.films[number], self.allocation
-        lines = self.lines(film)
-        by_time = self.tolerance is None or len(sets) < first_sets(plan)
-        found = answer(lines, plan, 1.0, [self._apart(film, sets)], by_time=by_time).budget
-        parts = [part for part in found.components if part.name != LOAD_CELL]
-        least = budget([line for line in lines if line.name in (NOISE, READING)], 1, len(sets), plan.dwell).u
+    def line(self, points: Sequence[FilmsPoint]) -> Component | None:
+        """Relative uncertainty of the slope, without that of the load cell; None: too few of the points are valid."""
+        sets = self._valid(points)
+        return self._line(sets) if sets else None
+
+    def _valid(self, points: Sequence[FilmsPoint]) -> tuple[Set, ...]:
+        """The valid load sets on the way up; empty: they are at too few different loads for a slope."""
+        up = [p for p in points if p.direction == LOADING and p.valid]
+        if len({p.load_N for p in up}) < LEAST_LOADS:
+            return ()
+        return tuple((p.load_measured_N, p.voltages_V[self.number]) for p in up)
+
+    def _line(self, sets: Sequence[Set]) -> Component:
+        parts = [part for part in self.answer(self._apart(sets)).budget.components if part.name != LOAD_CELL]
+        least = budget([line for line in self.lines if line.name in (NOISE, READING)], 1, len(sets), self.plan.dwell).u
         u = max(math.hypot(*(part.u for part in parts)), least)  # a display may round a load alike in every round
         return Component("line", u, 1.0, min(part.degrees_of_freedom for part in parts), "A")
 
-    def _apart(self, film: Film, sets: Sequence[Set]) -> list[float]:
+    def _apart(self, sets: Sequence[Set]) -> list[float]:
         """How far each set alone would move the slope, as the exponential that the rules of ratios take.
 
         A residual counts in standard deviations that are expected of it.
         """
         loads, volts = (np.array(values) for values in zip(*sets, strict=True))
-        expected = np.interp(loads, self.of.loads, self.of.apart(film))
+        expected = np.interp(loads, self.of.loads, self.of.apart(self.of.design.films[self.number]))
         away = loads - loads.mean()
         square, size = float(away @ away), len(sets)
         slope = float(away @ volts) / square
@@ -354,100 +286,54 @@ class SlopeRepeats:
         zeroth, first, second = (float(away**power @ expected**2) for power in range(3))
         of_line = zeroth / size**2 + 2 * away * first / size / square + (away / square) ** 2 * second
         own = (1 - 2 / size - 2 * away**2 / square) * expected**2
-        of_set = budget(
-            [line for line in self.lines(film) if line.per is not RepeatUnit.NOTHING], 1, 1, self.of.dwell
-        ).u
+        of_set = budget(falling(self.lines), 1, 1, self.of.dwell).u
         moved: list[float] = np.exp(of_set * residuals / slope / np.sqrt(own + of_line)).tolist()
         return moved
 
-    def _late(self, points: Sequence[FilmsPoint]) -> bool:
-        """Whether another round would take longer than the time."""
-        if self.time is None:
-            return False
-        taken = math.fsum(point.seconds or 0.0 for point in points)
-        return taken + self._round + self.after + RESERVE > self.time
 
-    @property
-    def _round(self) -> float:
-        """Bench time of a round [s]."""
-        return len(self.of.loads) * (self.costs.set + self.of.dwell)
+def lines_of(of: Conditions, film: Film) -> tuple[BudgetLine, ...]:
+    """Lines of a film's sensitivity."""
+    loads, cell = np.array(of.loads), cell_component(of.cell)
+    away = loads - loads.mean()
+    weight = math.sqrt(loads.size) * away / float(away @ away)
 
-    def predicted(self, times: Sequence[float], force_limit: float) -> Predicted:
-        """What the run is predicted to take and to give; a plan for people. Arguments as for `expected_figures`."""
-        plan, loads = self.allocation, len(self.of.loads)
-        rounds = plan.sets // loads
-        figures = expected_figures(self.of, rounds, times, force_limit, self._slope_u)
+    def slope_u(each: np.ndarray | float) -> float:
+        """Relative uncertainty of the slope by one load set [1], of errors of the loads [N]."""
+        return float(np.linalg.norm(weight * each))
 
-        def most(quantity: str) -> float:
-            return max(each.u for each in figures if each.name.startswith(f"{quantity}, "))
-
-        dwell, resolution = show(self.of.dwell, "s"), share(most(RESOLUTION), 3)
-        lines = [
-            f"wanted         {self._wanted()}",
-            f"plan           {counted(rounds, 'round')} of {loads} loads up, of {dwell}; then down and held",
-            f"time           {duration(plan.seconds)} ({self.mounts.described(1)})",
-            f"expected       {plus_minus(plan.half, 3)} of each sensitivity at most; u of each resolution "
-            f"{resolution},",
-            f"               of each {SNR} {most(SNR):.2g} dB",
-            binding(plan),
-        ]
-        told = {
-            RESULTS: [asdict(each) for each in figures],
-            "planned": {"rounds": rounds, "sets": plan.sets, "seconds": plan.seconds, "u": plan.u,
-                        "half": plan.half, "binds": plan.binds, "shares": plan.shares},
-        }  # fmt: skip
-        return Predicted(plan.seconds, plan.u, told, lines)
-
-    def _slope_u(self, film: Film) -> float:
-        """Expected relative uncertainty of a film's slope by all load sets of the plan."""
-        plan = self.allocation
-        return budget(
-            [line for line in self.lines(film) if line.per is not RepeatUnit.NOTHING], 1, plan.sets, plan.dwell
-        ).u
-
-    def _wanted(self) -> str:
-        time = "" if self.time is None else show(self.time, "s")
-        if self.tolerance is None:
-            return f"the force sensitivity of each film as good as {time} allow"
-        return f"{plus_minus(self.tolerance, 3)} of the force sensitivity of each film{time and f', within {time}'}"
+    return (
+        BudgetLine(SCATTER, slope_u(film.scatter * loads), RepeatUnit.SET, PRIOR_FREEDOM),
+        BudgetLine(NOISE, slope_u(of.noise(film)) * math.sqrt(of.dwell), RepeatUnit.SECOND),
+        BudgetLine(READING, slope_u(reading_u(of.cell, 1.0)), RepeatUnit.SET),
+        BudgetLine(LOAD_CELL, cell.u, RepeatUnit.NOTHING, cell.degrees_of_freedom),
+    )
 
 
-def _sets(points: Sequence[FilmsPoint], number: int) -> tuple[Set, ...]:
-    """The valid load sets of a film on the way up; empty: they are at too few different loads for a slope."""
-    up = [p for p in points if p.direction == LOADING and p.valid]
-    if len({p.load_N for p in up}) < LEAST_LOADS:
-        return ()
-    return tuple((p.load_measured_N, p.voltages_V[number]) for p in up)
-
-
-def _for_time(asked: SlopeRepeats, time: float) -> Allocation:
-    loads, dwell = len(asked.of.loads), asked.of.dwell
-    each = loads * (asked.costs.set + dwell)
-    least = asked.costs.start + each
+def _for_time(ways: Sequence[RunOption], loads: int, time: float) -> Allocation:
+    costs, dwell = ways[0].costs, ways[0].dwell
+    each = loads * (costs.set + dwell)
+    least = costs.start + each
     if time < least:
         raise RangeError(
             f"--time {as_typed(time, 's')} is too short: one round of {counted(loads, 'load')} and what follows take "
             f"{least:.0f} s; give more time, a shorter --drift-time, or fewer --loads"
         )
-    rounds = max(1, math.floor((time - RESERVE - asked.costs.start) / each))
+    rounds = max(1, math.floor((time - RESERVE - costs.start) / each))
     if rounds * loads > MOST_SETS:
         raise too_long(time, "on the way up")
-    plans = [allocation(asked.lines(film), asked.costs, 1, rounds * loads, dwell) for film in asked.of.design.films]
+    plans = [allocation(way.lines, costs, 1, rounds * loads, dwell) for way in ways]
     return max(plans, key=lambda plan: plan.half)
 
 
-def _for_tolerance(asked: SlopeRepeats, tolerance: float) -> Allocation:
-    ways = {film.name: [RunOption(asked.lines(film), asked.costs, asked.of.dwell)] for film in asked.of.design.films}
-    plans, refused = planned_for(ways, tolerance, len(asked.of.loads))
-    if refused:
-        better = share(tolerance / math.sqrt(2), 3)
-        remedies = [
-            f"or        a better calibration of the load cell: palpate calibrate load-cell --tolerance '{better}'",
-            "note      signal-to-noise ratios and force ratios do not feel the load cell",
-        ]
-        worst = max(refused.values(), key=lambda error: error.best)
-        raise refusal(tolerance, "each force sensitivity", worst, {LOAD_CELL: remedies})
-    return max(plans.values(), key=lambda plan: (plan.sets, plan.half))
+def _for_tolerance(ways: Sequence[RunOption], loads: int, tolerance: float) -> Allocation:
+    better = share(tolerance / math.sqrt(2), 3)
+    remedies = [
+        f"or        a better calibration of the load cell: palpate calibrate load-cell --tolerance '{better}'",
+        "note      signal-to-noise ratios and force ratios do not feel the load cell",
+    ]
+    each = {number: [way] for number, way in enumerate(ways)}
+    found = repeated(each, tolerance, loads, "each force sensitivity", {LOAD_CELL: remedies})
+    return max((each.plan for each in found.values()), key=lambda plan: (plan.sets, plan.half))
 
 
 # --- the procedure -------------------------------------------------------------------------------------
@@ -466,8 +352,11 @@ class CharacteriseStep(Step):
     load_N: float
 
 
+SlopePlan = Plan[CharacteriseStep, Sequence[SlopeSets] | None]
+
+
 @dataclass(frozen=True)
-class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult, SlopeRepeats | None]):
+class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResult, Sequence[SlopeSets] | None]):
     """Find noise, sensitivity, resolution, linearity, hysteresis, dynamic range and drift of a sensor.
 
     The loads are set in increasing order, then in decreasing order. Then the middle one is held for `drift_time`. With
@@ -493,14 +382,6 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: there are too few loads for a line, a load exceeds the force limit, the frequency, the dwell or
-                the drift time is outside its limits, or the bench has too few sensor nodes; no rounds of loads give the
-                tolerance, or the time holds none.
-            UnknownName: there is no such sample.
-        """
         get_sample(self.sample)
         check_nodes(target.design, target.nodes, target.channels)
         if len(self.loads) < LEAST_LOADS:
@@ -524,48 +405,100 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
     def required_loads(self) -> RequiredLoads:
         return RequiredLoads(self.loads)
 
-    def plan(self, target: Target) -> Plan[CharacteriseStep, SlopeRepeats | None]:
+    def plan(self, target: Target) -> SlopePlan:
         """All points: every load up, every load down, then the middle one several times.
 
         With a tolerance or a time, there are the most rounds up that a run can have.
         """
-        repeats = self._repeats(target)
+        times = [STANDING + self.interval * number for number in range(DRIFT_POINTS + 1)]
+        of = self.conditions(target.design, probable_cell_of(target))
+        if self.tolerance is not None or self.time is not None:
+            repeats = self._repeats(of, target)
+            forecast = self._forecast(repeats, times, target)
+            return Plan(self.name, self._steps(target, repeats[0].most // len(self.loads)), forecast, repeats)
+        steps = self._steps(target, 1)
+        return Plan(self.name, steps, predicted(steps, expected_figures(of, 1, times, target.force_limit)))
+
+    def _steps(self, target: Target, rounds: int) -> list[CharacteriseStep]:
         first, later = self._first(target), self._seconds()
-        up = self.loads * (repeats.most if repeats else 1)
+        up = self.loads * rounds
         steps = [self._step(LOADING, load, later if number else first) for number, load in enumerate(up)]
         steps += [self._step(UNLOADING, load, later) for load in self.loads[::-1]]
-        steps += [self._step(HOLDING, self.middle, seconds) for seconds in self._holding()]
-        times = [STANDING + self.interval * number for number in range(DRIFT_POINTS + 1)]
-        if repeats:
-            return Plan(self.name, steps, repeats.predicted(times, target.force_limit), repeats)
-        found = expected_figures(self.conditions(target.design, _cell(target)), 1, times, target.force_limit)
-        return Plan(self.name, steps, predicted(steps, found))
+        return steps + [self._step(HOLDING, self.middle, seconds) for seconds in self._holding()]
 
-    def course(
-        self, plan: Plan[CharacteriseStep, SlopeRepeats | None], points: Sequence[FilmsPoint], lab: Lab
-    ) -> Generator[int, None, str]:
+    def course(self, plan: SlopePlan, points: Sequence[FilmsPoint], lab: Lab) -> Generator[int, None, str]:
         """The rounds up end once they give the tolerance, or fill the time."""
-        repeats = plan.basis
 
-        def full(step: CharacteriseStep, _own: Sequence[FilmsPoint]) -> bool:
-            return repeats is not None and step.direction == LOADING and repeats.has_enough(points)
+        def full(step: CharacteriseStep, own: Sequence[FilmsPoint]) -> bool:
+            return plan.basis is not None and step.direction == LOADING and self.has_enough(plan.basis, own)
 
         return until_full(plan.steps, points, lambda step: step.direction, full)
 
-    def _repeats(self, target: Target) -> SlopeRepeats | None:
-        """The repeated rounds, where a tolerance or a time is given; None: neither is."""
-        if self.tolerance is None and self.time is None:
-            return None
-        later = self._seconds()
-        after = len(self.loads) * later + math.fsum(self._holding()) + END
-        costs = Costs(self._first(target) - later + after, 0.0, later - self.dwell)
-        asked = self.conditions(target.design, _cell(target))
-        return SlopeRepeats(asked, costs, after, self.tolerance, self.time, target.mounts)
+    def has_enough(self, repeats: Sequence[SlopeSets], up: Sequence[FilmsPoint]) -> bool:
+        """Whether no further round is needed after the points on the way up."""
+        if not up or len(up) % len(self.loads):
+            return False
+        if all(each.are_enough(up) for each in repeats):
+            return True
+        following = len(self.loads) * (repeats[0].costs.set + self.dwell) + self.after + RESERVE
+        return self.time is not None and math.fsum(point.seconds or 0.0 for point in up) + following > self.time
 
-    def conditions(self, design: Design, cell: LoadCellCalibration | None) -> Conditions:
-        """The conditions that a plan expects; `cell` None: the load cell of the thesis."""
+    @property
+    def after(self) -> float:
+        """Expected time after the last round [s]."""
+        return len(self.loads) * self._seconds() + math.fsum(self._holding()) + END
+
+    def _repeats(self, of: Conditions, target: Target) -> tuple[SlopeSets, ...]:
+        """The load sets for each film, with the plan in whole rounds by the film that needs most of them.
+
+        Raises:
+            RangeError: no number of rounds reaches the tolerance, or not one fits into the time; the message says what
+                would do.
+        """
+        loads, later, plan = len(self.loads), self._seconds(), None
+        costs = Costs(self._first(target) - later + self.after, 0.0, later - self.dwell)
+        ways = [RunOption(lines_of(of, film), costs, self.dwell) for film in of.design.films]
+        if self.tolerance is not None:
+            plan = _for_tolerance(ways, loads, self.tolerance)
+        if plan is None or (self.time is not None and plan.seconds > self.time):
+            plan = _for_time(ways, loads, self.time or 0.0)
+        return tuple(
+            SlopeSets(way.lines, costs, plan, self.tolerance, of, number, rounds=loads)
+            for number, way in enumerate(ways)
+        )
+
+    def _forecast(self, repeats: Sequence[SlopeSets], times: Sequence[float], target: Target) -> Predicted:
+        """What the run is predicted to take and to give. Times as for `expected_figures`."""
+        plan, loads, of = repeats[0].plan, len(self.loads), repeats[0].of
+        rounds = plan.sets // loads
+        slopes = [budget(falling(each.lines), 1, plan.sets, plan.dwell).u for each in repeats]
+        figures = expected_figures(of, rounds, times, target.force_limit, slopes)
+
+        def most(quantity: str) -> float:
+            return max(each.u for each in figures if each.name.startswith(f"{quantity}, "))
+
+        lines = [
+            wanted_of("the force sensitivity of each film", self._told, self.time),
+            f"plan           {counted(rounds, 'round')} of {loads} loads up, of {show(self.dwell, 's')}; then down and "
+            "held",
+            f"time           {duration(plan.seconds)} ({target.mounts.described(1)})",
+            f"expected       {plus_minus(plan.half, 3)} of each sensitivity at most; u of each resolution "
+            f"{share(most(RESOLUTION), 3)},",
+            f"               of each {SNR} {most(SNR):.2g} dB",
+            binding(plan),
+        ]
+        planned = {"rounds": rounds, "sets": plan.sets, **plan.summary()}
+        return foreseen(plan.seconds, plan.u, figures, lines, planned=planned)
+
+    @property
+    def _told(self) -> str:
+        """The tolerance for people; empty: there is none."""
+        return "" if self.tolerance is None else plus_minus(self.tolerance, 3)
+
+    def conditions(self, design: Design, cell: LoadCellCalibration) -> Conditions:
+        """The conditions that a plan expects."""
         ratio, loads = expected_ratio(design, self.sample), tuple(self.loads)
-        return Conditions(design, ratio, loads, self.frequency, self.dwell, cell or THESIS_LOAD_CELL)
+        return Conditions(design, ratio, loads, self.frequency, self.dwell, cell)
 
     def _first(self, target: Target) -> float:
         """Expected time of the first load, with the sample's mounting [s]."""
@@ -594,19 +527,19 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         """Time between two points of the load that is held [s]."""
         return self.drift_time / DRIFT_POINTS
 
-    def begin(self, plan: Plan[CharacteriseStep, SlopeRepeats | None], lab: Lab, record: Recorder) -> Characterising:
+    def begin(self, plan: SlopePlan, lab: Lab, record: Recorder) -> Characterising:
         return Characterising(lab, record, self)
 
-    def evaluate(
-        self, points: Sequence[FilmsPoint], plan: Plan[CharacteriseStep, SlopeRepeats | None], lab: Lab
-    ) -> CharacteriseResult:
+    def evaluate(self, points: Sequence[FilmsPoint], plan: SlopePlan, lab: Lab) -> CharacteriseResult:
         widest = max(lab.bench.role(SensorNode).ranges.values())
         limit, repeats = lab.bench.force_limit, plan.basis
-        if repeats is None:
-            return evaluate(points, lab.design, lab.calibration, self.dwell, limit, widest)
-        lines = repeats.found(points)
+        lines = [line for each in repeats or () if (line := each.line(points))]
         found = evaluate(points, lab.design, lab.calibration, self.dwell, limit, widest, lines)
-        return replace(found, stopped=repeats.stopped(found.sensitivities))
+        if repeats is None:
+            return found
+        missed = [f"{plus_minus(u, 3)} of film {film}" for film, u in found.sensitivities if not repeats[0].reaches(u)]
+        told = f": {', '.join(missed)}" if missed else ""
+        return replace(found, stopped=ended_by("round of loads", self._told, self.time, told))
 
     def report(self, result: CharacteriseResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.characterise.report import plot_characteristics, show_characteristics
@@ -656,8 +589,3 @@ def _point(step: CharacteriseStep, time: float, seconds: float | None, measured:
         samples=fit.samples,
         seconds=seconds,
     )  # fmt: skip
-
-
-def _cell(target: Target) -> LoadCellCalibration | None:
-    """The load cell's calibration; before the bench is open, the one that it probably has. None: none is stored."""
-    return target.load_cell or probable_load_cell(target.scene)

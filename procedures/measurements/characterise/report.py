@@ -13,7 +13,7 @@ import numpy as np
 from palpate.instrument.calibration.load_cell import LoadCellCalibration
 from palpate.instrument.contracts.own import RANGE_VOLTS
 from palpate.instrument.errors import EstimateError
-from palpate.instrument.quantity import counted, plus_minus, show, show_with_u
+from palpate.instrument.quantity import counted, show, show_with_u
 from palpate.instrument.sensor.design import Design, Film
 from palpate.instrument.signals.noise import of_greatest
 from palpate.instrument.uncertainty.budget import Budget, Component, Kind
@@ -23,7 +23,7 @@ from palpate.procedures.measurements import columns
 from palpate.procedures.records.columns import Column, columns_of
 from palpate.procedures.showing.figure import MARKERS, name_all, new_figure, save, with_u
 from palpate.procedures.showing.tables import table_of
-from palpate.procedures.showing.text import new_table, percent, stamped, taken
+from palpate.procedures.showing.text import new_table, stamped, taken, uncertainty_line
 from palpate.procedures.steps.flags import reasons
 
 if TYPE_CHECKING:
@@ -496,11 +496,9 @@ def show_characteristics(result: CharacteriseResult, outcome: Outcome) -> list[o
     said = []
     if result.stopped:
         sets = counted(sum(point.direction == LOADING for point in result.points), "load set")
-        predicted, achieved = outcome["predicted_u"], result.achieved_u
         half = max(half for _, half in result.sensitivities)
         said = [
-            f"uncertainty    {plus_minus(half)} of a force sensitivity at most;"
-            f" u {percent(achieved)} %{'' if predicted is None else f' (predicted {percent(predicted)} %)'}",
+            uncertainty_line("a force sensitivity", half, result.achieved_u, outcome["predicted_u"]),
             f"stopped        {result.stopped}; {sets} up, {taken(outcome)}",
         ]
     return [table, _definitions(result), *said]

@@ -5,7 +5,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Generator, Iterator, Sequence
 from dataclasses import dataclass
-from functools import cached_property, partial
+from functools import partial
 from itertools import pairwise
 from types import MappingProxyType
 from typing import TYPE_CHECKING, Annotated
@@ -22,7 +22,6 @@ from palpate.instrument.calibration.load_cell import (
     POSITIONS,
     REPEATABILITY,
     STANDARD_GRAVITY,
-    THESIS_LOAD_CELL,
     WEIGHTS,
     LoadCellCalibration,
     WeightRun,
@@ -51,7 +50,7 @@ from palpate.procedures.engine.procedure import (
     until_full,
 )
 from palpate.procedures.engine.settings import Setting
-from palpate.procedures.lab.calibrations import keep, probable_load_cell
+from palpate.procedures.lab.calibrations import keep
 from palpate.procedures.lab.lab import MOUNTING, Lab, Target
 from palpate.procedures.lab.session import CalibrationKeys
 from palpate.procedures.measurements.load_cell.report import (
@@ -71,7 +70,14 @@ from palpate.procedures.measurements.load_cell.report import (
     LoadCellResult,
     runs_of,
 )
-from palpate.procedures.measurements.prospects import binding, display_scatter, reachable, share
+from palpate.procedures.measurements.prospects import (
+    binding,
+    display_scatter,
+    probable_cell_of,
+    reachable,
+    share,
+    wanted_of,
+)
 from palpate.procedures.measurements.settings import LONGEST_VALIDITY, ValidDays, tolerance_setting
 from palpate.procedures.records.columns import gathered
 from palpate.procedures.records.record import Recorder
@@ -155,121 +161,12 @@ class Learned:
     runs: int
     why_not: str
 
-
-@dataclass(frozen=True)
-class CellRepeats:
-    """The runs that give the sensitivity of a load cell a tolerance.
-
-    Attributes:
-        tolerance: half-width of the 95 % interval of the sensitivity, relative.
-        weights: loads at hand, increasing [N].
-        runs: least number of runs in each position.
-        positions: number of positions of the cell.
-        degree: degree of the curve; None: 1 is expected, and the readings decide.
-        cell: what is known of the cell and its display before.
-        loads_u: relative standard uncertainty of all loads together, as by gravity.
-    """
-
-    tolerance: float
-    weights: tuple[float, ...]
-    runs: int
-    positions: int
-    degree: int | None
-    cell: LoadCellCalibration
-    loads_u: float = 0.0
-
-    @cached_property
-    def quickest(self) -> PlannedRuns:
-        """The quickest runs.
-
-        Raises:
-            RangeError: no number of runs reaches the tolerance; the message says what binds and what would do.
-        """
-        return _quickest(self)
-
-    def lines_before(self, loads: Sequence[float], runs: int) -> list[BudgetLine]:
-        """Lines of the sensitivity by so many runs with some loads [N], by what is known of the cell before."""
-        cell = self.cell
-        reading = cell.sensitivity_mV_per_N * np.asarray(loads, dtype=np.float64)
-        known = display_scatter(cell), cell.resolution_mV
-        return lines_of(loads, reading, self.degree or 1, *known, runs, self.loads_u)
-
-    def learned(self, loads: Sequence[float], runs: Sequence[WeightRun], step: float) -> Learned:
-        """What complete runs with some loads [N] tell; `step`: step of the indicator's display [mV]."""
-        load, done = np.asarray(loads, dtype=np.float64), math.ceil(len(runs) / self.positions)
-        fitted = load_cell_curve(load, runs, step, self.degree, self.loads_u)
-        found, curve = fitted.sensitivity, fitted.curve
-        half = found.expanded() / found.value
-        degree, scatter = curve.coefficients.size - 1, fitted.scatter_mV or step / math.sqrt(12)
-        parts = {part.name: part for part in found.components}
-        fixed = (
-            [BudgetLine(POSITIONS, parts[POSITIONS].u / found.value, RepeatUnit.NOTHING)] if parts[POSITIONS].u else []
-        )
-
-        def lines_by(number: int, loads_u: float = self.loads_u) -> list[BudgetLine]:
-            return lines_of(loads, curve.reading(load), degree, scatter, step, number, loads_u)
-
-        if curve.by_scatter:
-            of_noise = budget(lines_by(len(runs), 0.0), 1, len(runs), 1)
-            off = math.sqrt(max((parts[CURVE].u / found.value) ** 2 - of_noise.u**2, 0.0))
-            fixed.append(BudgetLine(DEVIATION, off, RepeatUnit.NOTHING))
-        least = done
-        if differing := parts.get(REPEATABILITY):
-            of_run, known = differing.u / found.value * math.sqrt(len(runs)), differing.degrees_of_freedom
-            fixed.append(BudgetLine("runs", of_run, RepeatUnit.SET, known))
-            least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
-        if half <= self.tolerance and len(runs) >= least * self.positions:
-            return Learned(half, done, "")
-        try:
-            plan = self.by_lines(tuple(loads), lambda number: lines_by(number) + fixed)
-        except OutOfReach as error:
-            why = "by the scatter that was found no number of runs is enough"
-            if error.floor >= self.tolerance:
-                why = f"{error.binds} leaves {plus_minus(error.floor, 3)}, which no further run lowers"
-            return Learned(half, done, why)
-        return Learned(half, max(plan.runs, least, done + 1), "")
-
-    def stopped(self, found: Learned) -> str:
+    def ended(self, tolerance: float) -> str:
         """Why the series ended, for people."""
-        why = found.why_not
-        if not why and found.half > self.tolerance:
-            why = "the most runs that were planned are done"
-        told = f"{plus_minus(found.half, 3)} reached, {plus_minus(self.tolerance, 3)} was asked for"
+        told = f"{plus_minus(self.half, 3)} reached, {plus_minus(tolerance, 3)} was asked for"
+        most = "the most runs that were planned are done" if self.half > tolerance else ""
+        why = self.why_not or most
         return f"{told}; {why}" if why else told
-
-    def by_lines(self, loads: tuple[float, ...], lines_by: Callable[[int], list[BudgetLine]]) -> PlannedRuns:
-        """The plan with some loads; `lines_by`: lines of the sensitivity by a number of runs in all positions.
-
-        Raises OutOfReach.
-        """
-        places, dwell = self.positions, weighing_seconds()
-        # The runs are the sets; turning the cell is paid once.
-        costs = Costs(MOUNTING * places if places > 1 else 0.0, 0.0, run_seconds(len(loads)) - dwell)
-        fewest = self.runs * places
-        way, most = RunOption(lines_by(fewest), costs, dwell), max(MOST_RUNS, fewest)
-        runs = Table.of([way], rounds=places, fewest=fewest, most=most).for_tolerance(self.tolerance).sets
-        return PlannedRuns(loads, runs // places, allocation(lines_by(runs), costs, 1, runs, dwell))
-
-    def predicted(self) -> Predicted:
-        """What the series is predicted to take and to give; a plan for people."""
-        planned = self.quickest
-        plan, count = planned.allocation, len(planned.loads)
-        each = "" if self.positions == 1 else f" in each of {counted(self.positions, 'position')}"
-        lines = [
-            f"wanted         {plus_minus(self.tolerance, 3)} of the sensitivity",
-            f"plan           {counted(planned.runs, 'run')} up and down{each} with {counted(count, 'weight')}:"
-            f" {duration(plan.seconds)}",
-            f"weights        {', '.join(f'{load:.4g}' for load in planned.loads)} N",
-            f"expected       {plus_minus(plan.half, 3)}; "
-            f"{f'loads count with u = {share(self.loads_u, 3)}' if self.loads_u else EXACT}",
-            binding(plan),
-        ]
-        of_series = {"loads_N": list(planned.loads), "runs": planned.runs, "positions": self.positions,
-                   "seconds": plan.seconds, "u": plan.u, "half": plan.half, "binds": plan.binds,
-                   "shares": plan.shares}  # fmt: skip
-        results = [{"name": SENSITIVITY, "u": plan.u, "unit": "relative"}]
-        said = {"tolerance": self.tolerance, "planned": of_series, RESULTS: results}
-        return Predicted(plan.seconds, plan.u, said, lines)
 
 
 def run_seconds(loads: int) -> float:
@@ -312,58 +209,6 @@ def spread(weights: Sequence[float], count: int) -> tuple[float, ...]:
     """So many of the weights, evenly spread, with the least and the greatest."""
     numbers = np.round(np.linspace(0, len(weights) - 1, count)).astype(int)
     return tuple(weights[number] for number in numbers)
-
-
-def _quickest(asked: CellRepeats) -> PlannedRuns:
-    least = min(len(asked.weights), max(FEWEST_LOADS, (asked.degree or 1) + 2))
-    found: list[PlannedRuns] = []
-    refused: list[tuple[OutOfReach, tuple[float, ...]]] = []
-    for count in range(least, len(asked.weights) + 1):
-        loads = spread(asked.weights, count)
-        try:
-            found.append(asked.by_lines(loads, partial(asked.lines_before, loads)))
-        except OutOfReach as error:
-            refused.append((error, loads))
-    if not found:
-        raise _refusal(asked, *min(refused, key=lambda each: each[0].best))
-    return min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
-
-
-def _refusal(asked: CellRepeats, error: OutOfReach, loads: Sequence[float]) -> RangeError:
-    """The refusal of a tolerance that no number of runs reaches, by the loads that come nearest to it [N]."""
-    loads_u, cell = asked.loads_u, asked.cell
-    whole, wanted = error.floor / NORMAL_FACTOR, asked.tolerance / NORMAL_FACTOR
-    told = f"--tolerance {share(asked.tolerance, 3)} cannot be reached: "
-    best = f"best now  --tolerance '{reachable(error.best)}'"
-    if wanted <= loads_u:
-        lines = [
-            f"{told}--loads-u {share(loads_u, 3)} leaves {plus_minus(NORMAL_FACTOR * loads_u, 3)}, which no run lowers",
-            best,
-            "or        weights of a better class, or the local gravity, and a smaller --loads-u",
-        ]
-        return RangeError("\n  ".join(lines))
-    if error.floor < asked.tolerance:
-        return RangeError(f"{told}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
-    rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
-    apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), asked.degree or 1) / cell.sensitivity_mV_per_N
-    left, free = (math.sqrt(u**2 - loads_u**2) for u in (whole, wanted))  # by the display alone
-    heavier = (loads[-1] - loads[0]) * left / free + loads[0]
-    alone = NORMAL_FACTOR * math.hypot(apart, loads_u)
-    lines = [
-        f"{told}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
-        f"{f', and --loads-u {share(loads_u, 3)}' if loads_u else ''}: the display of "
-        f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
-        best,
-        f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
-        "or        an indicator with finer steps",
-    ]
-    if error.floor > ALIKE * alone:
-        lines.append(
-            f"or        {plus_minus(alone, 3)} by weights that are rounded independently: these are"
-            " nearly whole steps of the display apart, and rounded alike"
-        )
-    lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")
-    return RangeError("\n  ".join(lines))
 
 
 # --- The bench work of a load-cell calibration: reads the load cell under one weight after the other ---
@@ -491,6 +336,9 @@ LOADS = tuple(round(1e-3 * m * STANDARD_GRAVITY, 12) for m in range(140, 741, 10
 DEGREES = {"auto": None, "1": 1, "2": 2}
 
 
+WeightPlan = Plan[WeightStep, PlannedRuns | None]
+
+
 def parse_degree(text: str) -> int | None:
     """Degree of a curve, "1" or "2"; None for "auto". Raises UnknownName."""
     if text not in DEGREES:
@@ -499,7 +347,7 @@ def parse_degree(text: str) -> int | None:
 
 
 @dataclass(frozen=True)
-class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRepeats | None]):
+class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, PlannedRuns | None]):
     """Calibrate the load cell with dead weights, put on and taken off in steps."""
 
     name = "calibrate-load-cell"
@@ -549,16 +397,6 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
     ] = 0.0
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            RangeError: a load is not positive or exceeds the force limit; loads do not increase, or are too few for
-                the curve; there is no run; positions repeat or are outside 0 to 360 degrees; the validity is outside
-                the limits of ISO 376; these loads, runs and positions are too few for a class; the tolerance cannot be
-                reached with these weights; the loads' uncertainty is no share from 0 to below 0.5.
-            UsageError: a class is given beside a tolerance.
-            UnknownName: there is no such class.
-        """
         loads = self.loads
         if bad := [load for load in loads if not 0 < load <= target.force_limit]:
             raise RangeError(
@@ -608,29 +446,160 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
                 "--positions 0,120,240"
             )
 
-    def plan(self, target: Target) -> Plan[WeightStep, CellRepeats | None]:
+    def plan(self, target: Target) -> WeightPlan:
         """All points: every weight of every run, then the creep test; with a tolerance, of the most runs."""
+        cell = probable_cell_of(target)
         if self.tolerance is not None:
-            asked = tuple(self.loads), self.runs, len(self.positions), self.degree
-            repeats = CellRepeats(self.tolerance, *asked, _cell(target), self.loads_u)
-            steps = list(self._steps(repeats.quickest.loads, repeats.quickest.most()))
-            return Plan(self.name, steps, repeats.predicted(), repeats)
+            planned = self.quickest(cell, self.tolerance)
+            steps = list(self._steps(planned.loads, planned.most()))
+            return Plan(self.name, steps, self._forecast(planned, self.tolerance), planned)
         steps = list(self._steps(self.loads, self.runs))
         readings = 2 * REPEATS * self.runs * len(self.positions)
-        found = expected_sensitivity(self.loads, readings, self.degree, _cell(target), self.loads_u)
+        found = expected_sensitivity(self.loads, readings, self.degree, cell, self.loads_u)
         return Plan(self.name, steps, predicted(steps, found))
 
-    def course(
-        self, plan: Plan[WeightStep, CellRepeats | None], points: Sequence[LoadCellPoint], lab: Lab
-    ) -> Generator[int, None, str]:
+    def quickest(self, cell: LoadCellCalibration, tolerance: float) -> PlannedRuns:
+        """The quickest runs for a tolerance, by what is known of the cell before.
+
+        Raises:
+            RangeError: no number of runs reaches the tolerance; the message says what binds and what would do.
+        """
+        known, degree = (display_scatter(cell), cell.resolution_mV), self.degree or 1
+        found: list[PlannedRuns] = []
+        refused: list[tuple[OutOfReach, tuple[float, ...]]] = []
+        for count in range(min(len(self.loads), max(FEWEST_LOADS, degree + 2)), len(self.loads) + 1):
+            loads = spread(self.loads, count)
+            reading = cell.sensitivity_mV_per_N * np.asarray(loads, dtype=np.float64)
+
+            def lines_by(number: int, loads: tuple[float, ...] = loads, reading: Floats = reading) -> list[BudgetLine]:
+                return lines_of(loads, reading, degree, *known, number, self.loads_u)
+
+            try:
+                found.append(self._planned(tolerance, loads, lines_by))
+            except OutOfReach as error:
+                refused.append((error, loads))
+        if not found:
+            nearest = min(refused, key=lambda each: each[0].best)
+            raise self._refusal(tolerance, cell, *nearest)
+        return min(found, key=lambda each: (each.allocation.seconds, -len(each.loads)))
+
+    def _refusal(
+        self, tolerance: float, cell: LoadCellCalibration, error: OutOfReach, loads: Sequence[float]
+    ) -> RangeError:
+        """The refusal of a tolerance that no number of runs reaches, by the loads that come nearest to it [N]."""
+        loads_u = self.loads_u
+        whole, wanted = error.floor / NORMAL_FACTOR, tolerance / NORMAL_FACTOR
+        told = f"--tolerance {share(tolerance, 3)} cannot be reached: "
+        best = f"best now  --tolerance '{reachable(error.best)}'"
+        if wanted <= loads_u:
+            left_by_loads = plus_minus(NORMAL_FACTOR * loads_u, 3)
+            lines = [
+                f"{told}--loads-u {share(loads_u, 3)} leaves {left_by_loads}, which no run lowers",
+                best,
+                "or        weights of a better class, or the local gravity, and a smaller --loads-u",
+            ]
+            return RangeError("\n  ".join(lines))
+        if error.floor < tolerance:
+            return RangeError(f"{told}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
+        rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
+        apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), self.degree or 1) / cell.sensitivity_mV_per_N
+        left, free = (math.sqrt(u**2 - loads_u**2) for u in (whole, wanted))  # by the display alone
+        heavier = (loads[-1] - loads[0]) * left / free + loads[0]
+        alone = NORMAL_FACTOR * math.hypot(apart, loads_u)
+        lines = [
+            f"{told}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
+            f"{f', and --loads-u {share(loads_u, 3)}' if loads_u else ''}: the display of "
+            f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
+            best,
+            f"or        weights up to {show(heavier, 'N')} or more, if the cell takes them, or more weights",
+            "or        an indicator with finer steps",
+        ]
+        if error.floor > ALIKE * alone:
+            lines.append(
+                f"or        {plus_minus(alone, 3)} by weights that are rounded independently: these are"
+                " nearly whole steps of the display apart, and rounded alike"
+            )
+        lines.append(f"note      by {cell.source}; a calibration without --tolerance tells the steps of this indicator")
+        return RangeError("\n  ".join(lines))
+
+    def _planned(
+        self, tolerance: float, loads: tuple[float, ...], lines_by: Callable[[int], list[BudgetLine]]
+    ) -> PlannedRuns:
+        """The plan with some loads; `lines_by`: lines of the sensitivity by a number of runs in all positions.
+
+        Raises OutOfReach.
+        """
+        places, dwell = len(self.positions), weighing_seconds()
+        # The runs are the sets; turning the cell is paid once.
+        costs = Costs(MOUNTING * places if places > 1 else 0.0, 0.0, run_seconds(len(loads)) - dwell)
+        fewest = self.runs * places
+        way, most = RunOption(lines_by(fewest), costs, dwell), max(MOST_RUNS, fewest)
+        runs = Table.of([way], rounds=places, fewest=fewest, most=most).for_tolerance(tolerance).sets
+        return PlannedRuns(loads, runs // places, allocation(lines_by(runs), costs, 1, runs, dwell))
+
+    def learned(self, tolerance: float, loads: Sequence[float], runs: Sequence[WeightRun], step: float) -> Learned:
+        """What complete runs with some loads [N] tell; `step`: step of the indicator's display [mV]."""
+        load, places = np.asarray(loads, dtype=np.float64), len(self.positions)
+        done = math.ceil(len(runs) / places)
+        fitted = load_cell_curve(load, runs, step, self.degree, self.loads_u)
+        found, curve = fitted.sensitivity, fitted.curve
+        half = found.expanded() / found.value
+        degree, scatter = curve.coefficients.size - 1, fitted.scatter_mV or step / math.sqrt(12)
+        parts = {part.name: part for part in found.components}
+        fixed = (
+            [BudgetLine(POSITIONS, parts[POSITIONS].u / found.value, RepeatUnit.NOTHING)] if parts[POSITIONS].u else []
+        )
+
+        def lines_by(number: int, loads_u: float = self.loads_u) -> list[BudgetLine]:
+            return lines_of(loads, curve.reading(load), degree, scatter, step, number, loads_u)
+
+        if curve.by_scatter:
+            of_noise = budget(lines_by(len(runs), 0.0), 1, len(runs), 1)
+            off = math.sqrt(max((parts[CURVE].u / found.value) ** 2 - of_noise.u**2, 0.0))
+            fixed.append(BudgetLine(DEVIATION, off, RepeatUnit.NOTHING))
+        least = done
+        if differing := parts.get(REPEATABILITY):
+            of_run, known = differing.u / found.value * math.sqrt(len(runs)), differing.degrees_of_freedom
+            fixed.append(BudgetLine("runs", of_run, RepeatUnit.SET, known))
+            least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
+        if half <= tolerance and len(runs) >= least * places:
+            return Learned(half, done, "")
+        try:
+            plan = self._planned(tolerance, tuple(loads), lambda number: lines_by(number) + fixed)
+        except OutOfReach as error:
+            why = "by the scatter that was found no number of runs is enough"
+            if error.floor >= tolerance:
+                why = f"{error.binds} leaves {plus_minus(error.floor, 3)}, which no further run lowers"
+            return Learned(half, done, why)
+        return Learned(half, max(plan.runs, least, done + 1), "")
+
+    def _forecast(self, planned: PlannedRuns, tolerance: float) -> Predicted:
+        """What the series is predicted to take and to give; a plan for people."""
+        plan, count, places = planned.allocation, len(planned.loads), len(self.positions)
+        each = "" if places == 1 else f" in each of {counted(places, 'position')}"
+        counts = f"loads count with u = {share(self.loads_u, 3)}" if self.loads_u else EXACT
+        lines = [
+            wanted_of("the sensitivity", plus_minus(tolerance, 3)),
+            f"plan           {counted(planned.runs, 'run')} up and down{each} with {counted(count, 'weight')}:"
+            f" {duration(plan.seconds)}",
+            f"weights        {', '.join(f'{load:.4g}' for load in planned.loads)} N",
+            f"expected       {plus_minus(plan.half, 3)}; {counts}",
+            binding(plan),
+        ]
+        of_series = {"loads_N": list(planned.loads), "runs": planned.runs, "positions": places, **plan.summary()}
+        results = [{"name": SENSITIVITY, "u": plan.u, "unit": "relative"}]
+        said = {"tolerance": tolerance, "planned": of_series, RESULTS: results}
+        return Predicted(plan.seconds, plan.u, said, lines)
+
+    def course(self, plan: WeightPlan, points: Sequence[LoadCellPoint], lab: Lab) -> Generator[int, None, str]:
         """The runs in each position end once the tolerance needs no further one."""
-        repeats, step_mV = plan.basis, lab.bench.role(LoadIndicator).resolution_mV
+        planned, tolerance, step_mV = plan.basis, self.tolerance, lab.bench.role(LoadIndicator).resolution_mV
 
         def full(step: WeightStep, own: Sequence[LoadCellPoint]) -> bool:
-            if repeats is None or own or step.creep_s or step.run <= self.runs:
+            if planned is None or tolerance is None or own or step.creep_s or step.run <= self.runs:
                 return False
-            loads = repeats.quickest.loads
-            return step.run > repeats.learned(loads, list(runs_of(points, len(loads))), step_mV).runs
+            runs = list(runs_of(points, len(planned.loads)))
+            return step.run > self.learned(tolerance, planned.loads, runs, step_mV).runs
 
         return until_full(plan.steps, points, lambda step: (step.position_deg, step.run, step.creep_s > 0), full)
 
@@ -651,18 +620,17 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
             direction, last = f"{CREEP}_{time:.0f}_s", (position, runs)
             yield WeightStep(None, time - before, None, *last, direction, loads[-1], time, what=direction, group=group)
 
-    def begin(self, plan: Plan[WeightStep, CellRepeats | None], lab: Lab, record: Recorder) -> Weighing:
+    def begin(self, plan: WeightPlan, lab: Lab, record: Recorder) -> Weighing:
         return Weighing(lab.bench, len(self.positions) > 1, self.creep)
 
-    def evaluate(
-        self, points: Sequence[LoadCellPoint], plan: Plan[WeightStep, CellRepeats | None], lab: Lab
-    ) -> LoadCellResult:
+    def evaluate(self, points: Sequence[LoadCellPoint], plan: WeightPlan, lab: Lab) -> LoadCellResult:
         indicator = lab.bench.role(LoadIndicator)
         step = indicator.resolution_mV
-        repeats = plan.basis
-        loads = tuple(self.loads) if repeats is None else repeats.quickest.loads
+        loads = tuple(self.loads) if plan.basis is None else plan.basis.loads
         runs = list(runs_of(points, len(loads)))
-        stopped = "" if repeats is None else repeats.stopped(repeats.learned(loads, runs, step))
+        stopped = ""
+        if self.tolerance is not None:
+            stopped = self.learned(self.tolerance, loads, runs, step).ended(self.tolerance)
         crept = points[-1].direction.startswith(CREEP)
         creep = points[-1].reading_mV - points[-2].reading_mV if crept else None
         missed = ""
@@ -702,8 +670,3 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, CellRe
         return Report(
             partial(show_load_cell, result, self.iso_class), partial(plot_load_cell, result, lab.bench.simulated)
         )
-
-
-def _cell(target: Target) -> LoadCellCalibration:
-    """What is known of the cell: its calibration, the one that it probably has, or that of the thesis."""
-    return target.load_cell or probable_load_cell(target.scene) or THESIS_LOAD_CELL

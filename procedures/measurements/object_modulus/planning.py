@@ -19,6 +19,7 @@ import numpy as np
 
 from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit, budget
 from palpate.instrument.allocation.preparations import Preparation, prepared
+from palpate.instrument.allocation.repeated import MOST
 from palpate.instrument.allocation.stopping import RunTimes, run_times
 from palpate.instrument.allocation.table import (
     MOST_MOUNTINGS,
@@ -59,7 +60,7 @@ from palpate.instrument.signals.estimate import sine_columns
 from palpate.instrument.uncertainty.budget import COVERAGE, Between, coverage_factor
 from palpate.procedures.engine.plan import APPROACH, expected_noise, point_seconds
 from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, Target
-from palpate.procedures.measurements.prospects import MOST, share
+from palpate.procedures.measurements.prospects import share
 from palpate.procedures.showing.plan import duration
 from palpate.procedures.steps.checks import check_frequency, preload_for
 from palpate.procedures.steps.films import SAMPLES_PER_CYCLE, settling_length

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Callable, Generator, Sequence
-from dataclasses import asdict, dataclass, replace
+from dataclasses import dataclass, replace
 from datetime import UTC, datetime
 from functools import partial
 from typing import Annotated, TypeVar
@@ -23,15 +23,15 @@ from palpate.instrument.models.response import FIXED, RatioQuestion
 from palpate.instrument.quantity import check_tolerance, show
 from palpate.instrument.sensor.design import Design
 from palpate.instrument.sensor.sample import SAMPLES, Sample, get_sample
-from palpate.procedures.engine.plan import Plan, Predicted, Step, expected_noise, noise_of
+from palpate.procedures.engine.plan import Plan, Step, expected_noise, noise_of
 from palpate.procedures.engine.procedure import (
-    RESULTS,
     Expected,
     Finished,
     Measurement,
     Procedure,
     Report,
     RequiredLoads,
+    foreseen,
 )
 from palpate.procedures.engine.settings import Setting
 from palpate.procedures.lab.calibrations import check_store, keep, mountings_of, references_on, with_films
@@ -184,8 +184,7 @@ class Course:
         if not ratios:
             return None
         lines = [line for line in self._lines(ratios, 1.0, absolute=False) if line.name != CURVE]
-        by_time = self.wanted.tolerance is None or not self._for_tolerance_ended(ratios)
-        found = answer(lines, self.prospect.allocation, 1.0, ratios, by_time=by_time)
+        found = answer(lines, self.prospect.allocation, 1.0, ratios, by_time=self.wanted.tolerance is None)
         return answered(found.ratio, found.budget, self.question, self.prospect.found)
 
     def notes(self, points: Sequence[ModulusPoint]) -> tuple[str, ...]:
@@ -255,10 +254,6 @@ class Course:
             f"noise of the films was {told}, not {show(planned, 'V/√Hz', 2)}: with noise = {told!r} in the bench file"
             " the next plan has longer dwells"
         )
-
-    def _for_tolerance_ended(self, ratios: Ratios) -> bool:
-        """Whether the number of sets follows from the scatter of the first ones."""
-        return sum(map(len, ratios)) >= first_sets(self.prospect.allocation)
 
     def too_alike(self, ratios: Ratios) -> bool:
         """Whether the sets repeat far better than gains are known to scatter from set to set.
@@ -410,13 +405,6 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
     ] = None
 
     def check(self, target: Target) -> None:
-        """Check the settings before anything is sent to a device.
-
-        Raises:
-            UsageError: neither tolerance nor time is given.
-            RangeError: a setting is outside its limits.
-            UnknownName: there is no such model.
-        """
         if self.tolerance is None and self.time is None:
             raise UsageError("--tolerance or --time is missing: say how well, or how long, or both")
         if self.tolerance is not None:
@@ -541,14 +529,13 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         offered = plans.alternatives(prospect)
         told = {
-            RESULTS: [asdict(each) for each in results],
             "planned": prospect.summary(),
             "mounting_scatter": wanted.mounted,
             "mounting_scatter_freedom": None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom,
             "alternatives": [each.summary() for each in offered],
         }
         lines = [*planned_lines(wanted, prospect), *worth_lines(offered)]
-        return Plan(self.name, steps, Predicted(prospect.times.mean, u, told, lines), course)
+        return Plan(self.name, steps, foreseen(prospect.times.mean, u, results, lines, **told), course)
 
     def begin(self, plan: Plan[Step, Course], lab: Lab, record: Recorder) -> Measuring:
         return Measuring(lab, record, plan.basis, self.object)
