@@ -15,7 +15,7 @@ from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import Resolution
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.material import PVDF
-from tests.benchmarks import claims, estimates, estimates_solid
+from tests.benchmarks import estimates, estimates_solid
 from tests.settings import disc, solid_sensors
 
 
@@ -118,8 +118,8 @@ def test_an_estimate_below_the_error_is_seen(monkeypatch: pytest.MonkeyPatch) ->
     monkeypatch.setattr(estimates.axisymmetric, "estimates", lambda *_: (np.full(61, 1e-9), np.full(61, math.inf)))
     (claim,) = estimates.claims(2, sensor, curves)
     assert claim.ratio > 100
-    result = claims.Tried(2, [asdict(claim)])
-    (missed,) = [row for row in claims.rows([result], goal=1) if "of the ratio above" in row.figure]
+    result = estimates.Tried(2, [asdict(claim)])
+    (missed,) = [row for row in estimates.rows([result], goal=1) if "of the ratio above" in row.figure]
     assert missed.met is False and "sensor 2" in missed.measured
 
 
