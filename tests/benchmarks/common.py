@@ -79,7 +79,7 @@ class Spent:
 
 def spent(call: Callable[[], object]) -> Spent:
     """What a call takes."""
-    start, before = time.perf_counter(), _processor_seconds()
+    before, start = _processor_seconds(), time.perf_counter()
     call()
     return Spent(time.perf_counter() - start, _processor_seconds() - before)
 
