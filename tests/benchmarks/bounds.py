@@ -163,8 +163,10 @@ def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
     given = [width for width in widths if math.isfinite(width)]
     yield Row("  bounds that are compared with a change; none given", f"{len(given)}; {len(widths) - len(given)}")
     if given:
-        told = " ".join(f"{width:.3g}" for width in np.quantile(given, (0.1, 0.5, 0.9, 0.99)))
-        yield Row("    10, 50, 90, 99 % are wider by", told)
+        yield Row(
+            "    10, 50, 90, 99 % are wider by",
+            " ".join(f"{width:.3g}" for width in np.quantile(given, (0.1, 0.5, 0.9, 0.99))),
+        )
         share = sum(width <= 10 for width in given) / len(given)
         wide = f"{100 * share:.1f} %, {sum(width > 100 for width in given)}"
         yield at_least("    at most 10 times, above 100 times", share, 0.9, "{:.0%}", wide)

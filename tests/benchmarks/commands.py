@@ -69,8 +69,7 @@ def first_result(rounds: int = 3) -> Iterator[Row]:
     tried = [{name: _cloned(*way) for name, way in ways.items()} for _ in range(rounds)]
     best = {name: min(each[name] for each in tried) for name in ways}
     for name, (seconds, processor, size) in best.items():
-        told = f"{seconds:.1f} s, {processor:.1f} s of processor, {size:.0f} MB"
-        yield Row(f"{name}: clone to first result", told)
+        yield Row(f"{name}: clone to first result", f"{seconds:.1f} s, {processor:.1f} s of processor, {size:.0f} MB")
     if before:
         yield at_most(f"  of the time of {before}", best["HEAD, pip"][0] / best[before][0], 0.5, "{:.2f}")
 
@@ -121,8 +120,10 @@ def walk_through() -> Iterator[Row]:
                 f"cd {name} && pytest -q",
             ]
             done = [_shell(step, folder, **path).wall for step in steps if kind != "bench" or "pip" not in step]
-            told = f"{sum(done):.0f} s (written, installed and tested in {', '.join(f'{each:.1f}' for each in done)} s)"
-            yield Row(f"palpate new {kind} to tests passed: {what}", told)
+            yield Row(
+                f"palpate new {kind} to tests passed: {what}",
+                f"{sum(done):.0f} s (written, installed and tested in {', '.join(f'{each:.1f}' for each in done)} s)",
+            )
 
 
 # --- whole commands ------------------------------------------------------------------------------------
@@ -136,8 +137,12 @@ def reproduce() -> Iterator[Row]:
     found = json.loads(said[0])
     for name, one in found["evidence"].items():
         share = "" if one["share"] is None else f" = {one['share']:.1%}"
-        figure = f"reproduce, {name}: rows within their stated scatter"
-        yield Row(figure, f"{one['within']} of {one['judged']}{share}", one["required"], one["met"])
+        yield Row(
+            f"reproduce, {name}: rows within their stated scatter",
+            f"{one['within']} of {one['judged']}{share}",
+            one["required"],
+            one["met"],
+        )
     for design, right in found["softness_order_right"].items():
         yield Row(f"reproduce: softness order, {design}", "right" if right else "wrong", "right", right)
 
@@ -200,8 +205,13 @@ def study(thousand: int = 1000) -> Iterator[Row]:
                     found[workers, cells] = computed(folder / f"{workers} {cells}", executor, workers, cells)
         yield at_most(f"study, {thousand} cells, after start", found[2, thousand][0], 0.6, "{:.2f} s")
         one, two = found[1, few][0], found[2, few][0]
-        told = f"{one:.1f} / {two:.1f} s = {one / two:.2f}"
-        yield at_least(f"study, {few} cells: one worker / two", one / two, 1.8, "{:.1f}", told)
+        yield at_least(
+            f"study, {few} cells: one worker / two",
+            one / two,
+            1.8,
+            "{:.1f}",
+            f"{one:.1f} / {two:.1f} s = {one / two:.2f}",
+        )
         yield at_most(f"study, 1,000,000 cells, from {many}", found[2, many][0] * 1e6 / many, 360, "{:.0f} s")
         used = max(resource.getrusage(who).ru_maxrss for who in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
         yield at_most(f"study, {many} cells: largest process", used / 1e3, 1000, "{:.0f} MB")
@@ -260,8 +270,12 @@ def entries(seeds: int = 20) -> Iterator[Row]:
                     digests[seed] |= {found.digest()} if entry != "numpy" else set()
         for what, each in (("command, pytest and script", digests), ("these and numpy first, of signals", signals)):
             most, all_ = max(map(len, each)), len(set().union(*each))
-            figure = f"{scene}: digests a seed by {what}, 2 stores, {seeds} seeds"
-            yield Row(figure, f"{most} at most, {all_} in all", f"1, {seeds}", most == 1 and all_ == seeds)
+            yield Row(
+                f"{scene}: digests a seed by {what}, 2 stores, {seeds} seeds",
+                f"{most} at most, {all_} in all",
+                f"1, {seeds}",
+                most == 1 and all_ == seeds,
+            )
 
 
 def _enter(place: Path, entry: str, scene: str, seeds: int) -> None:
@@ -302,9 +316,13 @@ def growth(rounds: int = 3) -> Iterator[Row]:
         found = [min(cost(size) for _ in range(rounds)) for size in sizes]
         x, y = np.log(sizes), np.log(found)
         fitted, last = np.polyfit(x, y, 1)[0], (y[-1] - y[-2]) / (x[-1] - x[-2])
-        told = f"{fitted:.2f}, of the last step {last:.2f} ({found[0]:.2g} to {found[-1]:.2g} s)"
-        figure = f"processor time against {sizes[0]} to {sizes[-1]} {what}: exponent"
-        yield at_most(figure, fitted, 1.05, "{:.2f}", told)
+        yield at_most(
+            f"processor time against {sizes[0]} to {sizes[-1]} {what}: exponent",
+            fitted,
+            1.05,
+            "{:.2f}",
+            f"{fitted:.2f}, of the last step {last:.2f} ({found[0]:.2g} to {found[-1]:.2g} s)",
+        )
 
 
 def _swept(samples: str, loads: np.ndarray) -> float:

@@ -269,8 +269,9 @@ def uncertainty(times: int = 1000) -> Iterator[Row]:
     _softness(scene.design, np.array(means), held)
     for name, hits in held.items():
         share, most = sum(hits) / len(hits), 1.0 if name == OF_THE_LOAD_CELL else WITHIN[1]
-        told = f"{share:.1%} of {len(hits)}"
-        yield between(f"95 % intervals that hold {name}", share, (WITHIN[0], most), "{:.0%}", told)
+        yield between(
+            f"95 % intervals that hold {name}", share, (WITHIN[0], most), "{:.0%}", f"{share:.1%} of {len(hits)}"
+        )
 
 
 def _load_cell(repeat: Repeat, held: Held) -> LoadCellCalibration:
@@ -511,8 +512,13 @@ def scatter(draws: int = 20_000, seeds: int = 200) -> Iterator[Row]:
     for scene in ("thesis_different_base", "thesis_single", "thesis_common_base", "array_16"):
         held = [each for seed in range(seeds) for each in _held(scene, seed + 1)]
         share = sum(held) / len(held)
-        figure = f"{scene}: 95 % intervals of points that hold the ratio"
-        yield between(figure, share, WITHIN, "{:.0%}", f"{share:.1%} of {len(held)}")
+        yield between(
+            f"{scene}: 95 % intervals of points that hold the ratio",
+            share,
+            WITHIN,
+            "{:.0%}",
+            f"{share:.1%} of {len(held)}",
+        )
 
 
 def _drawn(name: str, draws: int) -> Row:
@@ -530,9 +536,13 @@ def _drawn(name: str, draws: int) -> Row:
     films = [film.scatter for film in design.films]
     of_teeth = [math.sqrt(row[k]) for k, row in enumerate(design.tooth_covariance)]
     apart = np.abs(np.array(found) / SMALL / [*films, *of_teeth, design.ratio_scatter] - 1).max()
-    told = f"{apart:.1%} at worst; the ratio scatters by {found[-1] / SMALL:.2%}"
-    figure = f"{name}: {len(found)} films, teeth and sensor over {draws:,} draws, drawn and stated scatter apart"
-    return at_most(figure, apart, 0.02, "{:.0%}", told)
+    return at_most(
+        f"{name}: {len(found)} films, teeth and sensor over {draws:,} draws, drawn and stated scatter apart",
+        apart,
+        0.02,
+        "{:.0%}",
+        f"{apart:.1%} at worst; the ratio scatters by {found[-1] / SMALL:.2%}",
+    )
 
 
 def _held(scene: str, seed: int) -> Iterator[bool]:

@@ -56,15 +56,23 @@ def real_bench() -> Iterator[Row]:
     quiet = replace(usual, effects={name: usual.effects[name] for name in ("charge_amplifier", "adc")})
     pairs = _pairs(quiet, devices)
     apart = max(abs(a.force_ratio / b.force_ratio - 1) * a.voltage_rigid_V / COUNT for a, b in pairs)
-    figure = f"real_bench: {len(pairs)} force ratios without scatter and noise, apart from ours at most"
-    yield at_most(figure, apart, 1, "{:.2f} counts of a node")
+    yield at_most(
+        f"real_bench: {len(pairs)} force ratios without scatter and noise, apart from ours at most",
+        apart,
+        1,
+        "{:.2f} counts of a node",
+    )
     pairs = _pairs(usual, devices)
     far = sum(abs(a.force_ratio - b.force_ratio) > 2 * math.hypot(a.force_ratio_u, b.force_ratio_u) for a, b in pairs)
     yield none(f"real_bench: of {len(pairs)} force ratios with noise, beyond 2 uncertainties of ours", far)
     taken = {file.stem: spent(lambda file=file: used(file)).cpu for file in sorted(SHIPPED.glob("*.toml"))}
     slowest = max(taken, key=taken.__getitem__)
-    figure = f"{len(taken)} shipped maps: read, proved and a twin of it made, slowest ({slowest}), processor time"
-    yield at_most(figure, taken[slowest], 5, "{:.2f} s")
+    yield at_most(
+        f"{len(taken)} shipped maps: read, proved and a twin of it made, slowest ({slowest}), processor time",
+        taken[slowest],
+        5,
+        "{:.2f} s",
+    )
 
 
 def _pairs(scene: Scene, devices: object) -> list[tuple[LoadPoint, LoadPoint]]:
@@ -97,8 +105,13 @@ def eds() -> Iterator[Row]:
     ]
     held = [hold(path) for path in files]
     objects, pdos = sum(each.objects for each in held), sum(each.pdos for each in held)
-    told = f"{len(files)}, {objects} objects, {pdos} PDOs" if files else f"{FOLDERS} names no folder with any"
-    yield at_least("makers' EDS and DCF", len(files), 100, "{} files", told)
+    yield at_least(
+        "makers' EDS and DCF",
+        len(files),
+        100,
+        "{} files",
+        f"{len(files)}, {objects} objects, {pdos} PDOs" if files else f"{FOLDERS} names no folder with any",
+    )
     for what, name in (("wrong", "wrong"), ("lost without a note", "lost"), ("refused wrongly", "refused")):
         faults = [fault for each in held for fault in getattr(each, name)]
         yield none(f"of these, {what}", len(faults), "; ".join([str(len(faults)), *faults[:5]]))

@@ -155,9 +155,11 @@ def rows(results: Sequence[Tried], goal: int) -> Iterator[Row]:
             values = [(value, each) for each in found if (value := getattr(each, what)) is not None]
             misses = [f"sensor {each.number} refinement {each.refinement}" for value, each in values if value > 1]
             worst = max((each[0] for each in values), default=0.0)
-            told = f"{', '.join([str(len(misses)), *misses[:5]])}; {worst:.2f} at worst"
-            figure = f"  {gap} gaps, {points} points: meshes with an error of the {what} above its estimate"
-            yield none(figure, len(misses), told)
+            yield none(
+                f"  {gap} gaps, {points} points: meshes with an error of the {what} above its estimate",
+                len(misses),
+                f"{', '.join([str(len(misses)), *misses[:5]])}; {worst:.2f} at worst",
+            )
         # the greatest error within half a decade is above a tenth of the estimate
         eager = sum(each.eager for each in found) / max(points, 1)
         figure = f"  {gap} gaps: points at which the estimate is sharp"

@@ -85,8 +85,12 @@ def _matrix(title: str, procedures: Sequence[str], of: Scenes) -> Row:
     wrong = {cell: outcome for cell, outcome in outcomes.items() if outcome.verdict == "WRONG"}
     for cell, outcome in wrong.items():
         console.print(f"WRONG: {cell.name}: {outcome.said}")
-    figure = f"{title}: cells right, marked or stopped with outputs at zero"
-    return Row(figure, f"{len(outcomes) - len(wrong)} of {len(outcomes)}", "all", not wrong)
+    return Row(
+        f"{title}: cells right, marked or stopped with outputs at zero",
+        f"{len(outcomes) - len(wrong)} of {len(outcomes)}",
+        "all",
+        not wrong,
+    )
 
 
 def _shown(outcome: Outcome) -> str:

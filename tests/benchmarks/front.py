@@ -173,8 +173,11 @@ def advertised(count: int) -> Row:
         planned = said(*shlex.split(plan["command"])[1:], "--dry-run").get("planned", {})
         if any(planned.get(name) != plan[name] for name in ("load_N", "mountings", "sets", "dwell_s", "longest_s")):
             other.append(plan["command"])
-    figure = f"commands of {count} random plans that plan something else, or are refused"
-    return none(figure, len(other), ": ".join([str(len(other)), *other[:1]]))
+    return none(
+        f"commands of {count} random plans that plan something else, or are refused",
+        len(other),
+        ": ".join([str(len(other)), *other[:1]]),
+    )
 
 
 def said(*words: str) -> dict[str, Any]:
@@ -250,9 +253,10 @@ def stopped(truth: Truth, runs: int) -> Iterator[Row]:
         plan = table.for_tolerance(some[0].tolerance)
         expected = run_times(truth.lines(), BENCH, some[0].tolerance, plan).mean
         times.append(float(np.mean([each.seconds for each in some])) / expected)
-    told = ", ".join(f"{ratio:.2f}" for ratio in times)
-    yield Row(f"{what}: mean time over predicted, each tolerance", told, "0.95 to 1.05",
-              all(0.95 <= ratio <= 1.05 for ratio in times))  # fmt: skip
+    yield Row(
+        f"{what}: mean time over predicted, each tolerance", ", ".join(f"{ratio:.2f}" for ratio in times),
+        "0.95 to 1.05", all(0.95 <= ratio <= 1.05 for ratio in times),
+    )  # fmt: skip
 
 
 # --- digits and prices ---------------------------------------------------------------------------------
@@ -262,8 +266,13 @@ def hard_cases() -> Iterator[Row]:
     """Digits of the hard cases, each beside a reference that shares no solver with it, the hardest first."""
     found = [(-math.log10(case.error()), case) for case in CASES.values()]
     for digits, case in sorted(found, key=lambda each: each[0]):
-        told = f"{digits:.1f} digits beside {case.reference}; predicted: {case.predicted}"
-        yield at_least(case.name, digits, case.least, "{:g}", told)
+        yield at_least(
+            case.name,
+            digits,
+            case.least,
+            "{:g}",
+            f"{digits:.1f} digits beside {case.reference}; predicted: {case.predicted}",
+        )
 
 
 def prices() -> Iterator[Row]:
@@ -279,7 +288,12 @@ def prices() -> Iterator[Row]:
         apart[f"b of {name}"] = (b.b_s_per_s - a.b_s_per_s) / math.hypot(a.u_b_s_per_s, b.u_b_s_per_s)
         yield Row(f"price of {name}, ms; µs/s", " | ".join("; ".join(price.texts()) for price in (a, b)))
     worst = max(apart, key=lambda name: abs(apart[name]))
-    figure = f"{len(apart)} prices measured again, machine's load {load:.1f}: the farthest apart"
-    yield at_most(figure, abs(apart[worst]), 3, "{:.1f} u", f"{worst}, {abs(apart[worst]):.1f} u")
+    yield at_most(
+        f"{len(apart)} prices measured again, machine's load {load:.1f}: the farthest apart",
+        abs(apart[worst]),
+        3,
+        "{:.1f} u",
+        f"{worst}, {abs(apart[worst]):.1f} u",
+    )
     near = sum(abs(z) < 2 for z in apart.values()) / len(apart)
     yield at_least("the same: within 2 u", near, 0.9, "{:.0%}")

@@ -50,8 +50,13 @@ def _slower(what: str, share: float, folder: Path, rounds: int, *listeners: Call
     swept()
     alone, among = interleaved(swept, lambda: swept(*listeners), rounds)
     slower = 100 * (among / alone - 1)
-    figure = f"a sweep of {POINTS} points with {what}: slower by"
-    yield at_most(figure, slower, share, "{:.0f} %", f"{slower:.1f} % of {alone:.2f} s")
+    yield at_most(
+        f"a sweep of {POINTS} points with {what}: slower by",
+        slower,
+        share,
+        "{:.0f} %",
+        f"{slower:.1f} % of {alone:.2f} s",
+    )
     different = len(set(digests))
     yield Row("  different digests, with and without", str(different), "1", different == 1)
 
@@ -203,10 +208,15 @@ def _frames(seconds: float = 8.0, channels: int = 8) -> Iterator[Row]:
         pause.wait(1.0)
         played(driver)
         frames, used = played(driver)
-        figure = f"the oscilloscope with {channels} films at 1 kHz at the wall's speed"
-        yield at_least(figure, frames, 20, "{:.0f} frames/s")
+        yield at_least(
+            f"the oscilloscope with {channels} films at 1 kHz at the wall's speed", frames, 20, "{:.0f} frames/s"
+        )
         yield at_most("  server and hooks", 100 * used, 3, "{:.1f} % of a core")
         early, late = heap(driver, 1, 10_000), heap(driver, 10_001, 100_000)
-        figure = "  memory of the page after 100,000 points, against after 10,000"
-        yield Row(figure, f"{late:.1f} MB / {early:.1f} MB", "+- 10 %", abs(late / early - 1) <= 0.1)
+        yield Row(
+            "  memory of the page after 100,000 points, against after 10,000",
+            f"{late:.1f} MB / {early:.1f} MB",
+            "+- 10 %",
+            abs(late / early - 1) <= 0.1,
+        )
         yield at_least("  frames then", played(driver)[0], 20, "{:.0f} frames/s")

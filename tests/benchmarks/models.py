@@ -76,8 +76,12 @@ def _automatic(design: str) -> Row:
     for tolerance in TOLERANCES:
         found = np.array([each.force_ratio for each in responses(sensor, loads, "auto", tolerance)])
         worst = max(worst, float(np.abs(found / finest - 1).max()) / tolerance)
-    figure = f"{design}, 500 moduli x {len(TOLERANCES)} tolerances: greatest error of auto over its tolerance"
-    return at_most(figure, worst, 1, "{:.2f}")
+    return at_most(
+        f"{design}, 500 moduli x {len(TOLERANCES)} tolerances: greatest error of auto over its tolerance",
+        worst,
+        1,
+        "{:.2f}",
+    )
 
 
 def _stored(design: str, many: int = 1000) -> Iterator[Row]:
@@ -217,8 +221,12 @@ def poles() -> Iterator[Row]:
     for name, changed in ROUND.items():
         for refinement in (1, 3):
             apart, stressed = _apart_round(replace(CASE_A, **changed), refinement)
-            told = f"{apart:.1e}, stresses of films {stressed:.1e}"
-            yield _agreement(f"round, {name}, refinement {refinement}", apart, changed, told)
+            yield _agreement(
+                f"round, {name}, refinement {refinement}",
+                apart,
+                changed,
+                f"{apart:.1e}, stresses of films {stressed:.1e}",
+            )
     for name, changed in SOLID.items():
         sensor = replace(solid_parameters(get_design("single"), PHYSICAL.load(1e5)), **changed)
         moduli, mesh = np.array((1e-2, 1.0, 1e3, 1e8)) * sensor.compliant_modulus, ladders.resolution(sensor, 0)
@@ -228,8 +236,13 @@ def poles() -> Iterator[Row]:
 
 
 def _agreement(name: str, apart: float, changed: Mapping[str, object], told: str = "") -> Row:
-    figure = f"{name}: curve and direct solutions apart, E1/E2 = 1e-2 to 1e8"
-    return at_most(figure, apart, 1e-7 if 0.5 in changed.values() else 1e-10, "{:.1e}", told)
+    return at_most(
+        f"{name}: curve and direct solutions apart, E1/E2 = 1e-2 to 1e8",
+        apart,
+        1e-7 if 0.5 in changed.values() else 1e-10,
+        "{:.1e}",
+        told,
+    )
 
 
 def _apart_round(sensor: RoundParameters, refinement: int) -> tuple[float, float]:
@@ -252,9 +265,13 @@ def _times() -> Iterator[Row]:
         curves.append(found_on(sensor, *resolution_of(refinement)))
         took = least(lambda refinement=refinement: found_on(sensor, *resolution_of(refinement)), 3)
         beside = least(lambda refinement=refinement: direct_round.solve(sensor, refinement), 3)
-        told = f"{took:.2f} s, {beside:.2f} s"
-        figure = f"single_round, refinement {refinement}: curve, beside one direct solution"
-        yield at_most(figure, took / beside, 2, "{:g} of these", told)
+        yield at_most(
+            f"single_round, refinement {refinement}: curve, beside one direct solution",
+            took / beside,
+            2,
+            "{:g} of these",
+            f"{took:.2f} s, {beside:.2f} s",
+        )
         seconds += took
         if len(curves) > 1 and (worst := float(estimates(curves, moduli, OPEN)[0].max())) <= 1e-6:
             break

@@ -367,8 +367,13 @@ def rows(blocks: Sequence[Block]) -> Iterator[Row]:
         yield _all_within("standard deviation of answers / mean stated u", SPREAD.get(kind), own, Cell.spread)
         scale = "absolute" if kind.startswith("off") else "scale"
         total = float(np.mean([cell.mean(scale) for cell in own]))
-        told = f"{total:.1%}; {_ends(own, lambda cell, of=scale: cell.mean(of))}"
-        yield between(f"  95 % intervals that hold, {scale}", total, (0.93, 0.97), "{:.0%}", told)
+        yield between(
+            f"  95 % intervals that hold, {scale}",
+            total,
+            (0.93, 0.97),
+            "{:.0%}",
+            f"{total:.1%}; {_ends(own, lambda cell, of=scale: cell.mean(of))}",
+        )
         yield _all_within("mean bench time / predicted", (0.9, 1.1), own, Cell.over_predicted)
         below = float(np.mean([run.seconds <= run.bound_seconds for cell in own for run in cell.runs]))
         yield at_least("  runs within the bound of bench time", below, 0.95, "{:.0%}", f"{below:.1%}")
@@ -377,8 +382,13 @@ def rows(blocks: Sequence[Block]) -> Iterator[Row]:
         if some := [cell for cell in known if cell.tolerance == tolerance]:
             whole = sweep_seconds()
             share, told = max((cell.against_sweeps(whole), cell.told) for cell in some)
-            figure = f"bench time over that of default sweeps of {whole:.1f} s, {tolerance:.0%}"
-            yield at_most(figure, share, goal, "{:.0%}", f"{share:.0%} ({told})")
+            yield at_most(
+                f"bench time over that of default sweeps of {whole:.1f} s, {tolerance:.0%}",
+                share,
+                goal,
+                "{:.0%}",
+                f"{share:.0%} ({told})",
+            )
 
 
 def _ends(cells: Sequence[Cell], of: Callable[[Cell], float]) -> str:
@@ -610,9 +620,19 @@ def modulus_wire() -> Iterator[Row]:
         ratios.append(seconds / drawn)
         five += [seconds] if (kind, tolerance) == RUNS[0][:2] else []
     rms = math.sqrt(math.fsum(z * z for z in far) / len(far))
-    figure = f"ratios of {len(RUNS)} runs on the wire less drawn ones / their noise, rms of {len(far)}"
-    yield between(figure, rms, (0.8, 1.25), "{:g}", f"{rms:.2f}, {max(map(abs, far)):.1f} at most")
+    yield between(
+        f"ratios of {len(RUNS)} runs on the wire less drawn ones / their noise, rms of {len(far)}",
+        rms,
+        (0.8, 1.25),
+        "{:g}",
+        f"{rms:.2f}, {max(map(abs, far)):.1f} at most",
+    )
     farthest = max(ratios, key=lambda ratio: abs(ratio - 1))
     yield between("bench time of as many sets on the wire / drawn, farthest", farthest, (0.9, 1.1), "{:.2f}")
-    figure = "5 % on the scale, 15 to 500 kPa: bench time with the person's 60 s"
-    yield at_most(figure, max(five), 85, "{:.1f} s", f"{min(five):.1f} to {max(five):.1f} s")
+    yield at_most(
+        "5 % on the scale, 15 to 500 kPa: bench time with the person's 60 s",
+        max(five),
+        85,
+        "{:.1f} s",
+        f"{min(five):.1f} to {max(five):.1f} s",
+    )

@@ -105,8 +105,10 @@ def _compared(
     runs = {(*of, mesh): run for of, several in groups.items() for mesh, run in several.items()}
     found = _found(runs, references, turns)
     for (peer, threads, mesh), (error, worked, passed) in found.items():
-        told = f"{error:.1e} in {worked:.3f} s, {passed:.3f} s"
-        yield Row(f"{figure}, {peer}, {threads} threads, mesh {mesh}: error, processor time, time", told)
+        yield Row(
+            f"{figure}, {peer}, {threads} threads, mesh {mesh}: error, processor time, time",
+            f"{error:.1e} in {worked:.3f} s, {passed:.3f} s",
+        )
     for peer, threads in list(groups)[1:]:
         clock, place = ("processor time, one thread", 1) if threads == 1 else (f"time, {threads} threads", 2)
         ours, theirs = (
@@ -127,9 +129,13 @@ def _beside_superlu() -> Iterator[Row]:
         fronts = least(partial(solid.found_on, replace(sensor, sensed_modulus=1.0), resolution), 1)
         with single():
             superlu = least(partial(direct, sensor, resolution), 1)
-        figure = f"{design}, mesh {refinement}: processor time of fronts, whole curve / SuperLU, one modulus"
-        told = f"{fronts:.1f} / {superlu:.1f} s = {fronts / superlu:.2f}"
-        yield at_most(figure, fronts / superlu, 1, "{:g}", told)
+        yield at_most(
+            f"{design}, mesh {refinement}: processor time of fronts, whole curve / SuperLU, one modulus",
+            fronts / superlu,
+            1,
+            "{:g}",
+            f"{fronts:.1f} / {superlu:.1f} s = {fronts / superlu:.2f}",
+        )
 
 
 def _found(

@@ -39,13 +39,22 @@ def records() -> Iterator[Row]:
     """What a durable record costs beside the disk's own fsync and write, in turn on the same disk."""
     values = {f"value_{number}": 0.1 * number for number in range(20)}
     point, disk, _ = _beside_the_disk(values, samples=250, rounds=400)
-    told = f"{1e6 * (point - disk):.0f} of {1e6 * point:.0f} µs"
-    figure = "durable point, 20 values and 2 x 250 samples, above the disk's own write and fsync of its bytes"
-    yield at_most(figure, 1e6 * (point - disk), 250, "{:.0f} µs", told)
+    yield at_most(
+        "durable point, 20 values and 2 x 250 samples, above the disk's own write and fsync of its bytes",
+        1e6 * (point - disk),
+        250,
+        "{:.0f} µs",
+        f"{1e6 * (point - disk):.0f} of {1e6 * point:.0f} µs",
+    )
     point, disk, size = _beside_the_disk({}, samples=2_000_000, rounds=12)
     rate, of_disk = (1e-6 * size / each for each in (point, disk))
-    told = f"{rate:.0f}; {of_disk:.0f} MB/s" + ("; the disk itself does not reach the goal" if of_disk < 100 else "")
-    yield at_least("waveforms, durable; the disk's own write and fsync", rate, 100, "{:.0f} MB/s", told)
+    yield at_least(
+        "waveforms, durable; the disk's own write and fsync",
+        rate,
+        100,
+        "{:.0f} MB/s",
+        f"{rate:.0f}; {of_disk:.0f} MB/s" + ("; the disk itself does not reach the goal" if of_disk < 100 else ""),
+    )
 
 
 def _beside_the_disk(values: Mapping[str, float], samples: int, rounds: int) -> tuple[float, float, int]:
@@ -258,8 +267,11 @@ def campaigns(wanted: int = 100) -> Iterator[Row]:
                 digests = _digests(store)
                 found["with other digests"] += digests != whole
                 found["with points lost"] += len(digests) < len(whole)
-    figure = "random SIGKILLs over campaigns of three steps, in so many campaigns"
-    yield Row(figure, f"{found['kills']} in {found['campaigns']}", f"{wanted}")
+    yield Row(
+        "random SIGKILLs over campaigns of three steps, in so many campaigns",
+        f"{found['kills']} in {found['campaigns']}",
+        f"{wanted}",
+    )
     for what in ("campaigns that do not end when asked again", "with points lost", "with other digests"):
         yield none(f"  {what}", found[what])
 
@@ -319,8 +331,9 @@ def calibrations(goal: int = 1000, rounds: int = 25) -> Iterator[Row]:
     campaign.go_on(blows())
     for place in places:
         found = sum((Counter(counts) for where, counts in campaign.found if where == place), Counter[str]())
-        said = ", ".join(f"{found[what]} {what}" for what in counted)
-        yield Row(f"calibrations {place}: kills and failed writes", said)
+        yield Row(
+            f"calibrations {place}: kills and failed writes", ", ".join(f"{found[what]} {what}" for what in counted)
+        )
         yield Row("  then resumed; installed", f"{found['resumed']}; {found['installed']}")
         for what in calibration_kills.FAULTS:
             yield none(f"  {what}", found[what])

@@ -362,8 +362,10 @@ def ranked(name: str, truth: Mapping[str, float], factor: float, drawn: bool, ru
         seconds += math.fsum(ranking.costs.seconds(1, count, ranking.dwell) for count in found.sets.values())
     yield at_most(f"{name}: runs with a wrong pair", wrong / runs, RISK, "{:.0%}", f"{wrong / runs:.1%}")
     yield timed(name, seconds / runs / planned.seconds, truth is SAMPLES and factor == 1.0)
-    told = f"{left / runs:.0%}; {sets / runs / len(objects):.2f}"
-    yield Row(f"{name}: runs that left a pair open; sets of each object", told)
+    yield Row(
+        f"{name}: runs that left a pair open; sets of each object",
+        f"{left / runs:.0%}; {sets / runs / len(objects):.2f}",
+    )
 
 
 # --- history -------------------------------------------------------------------------------------------
@@ -378,8 +380,7 @@ def history(series: int = 10_000) -> Iterator[Row]:
     for what, months in begins.items():
         drift = 0.01 * months
         found = sum(alarmed(1 + drift, rng)[-3:].any() for _ in range(series)) / series
-        figure = f"1 % a month, u 0.3 %, found within three runs, {what}"
-        yield at_least(figure, found, 0.95, "{:.0%}", f"{found:.1%}")
+        yield at_least(f"1 % a month, u 0.3 %, found within three runs, {what}", found, 0.95, "{:.0%}", f"{found:.1%}")
     for name, u in (("equal u", np.full(STEADY, 0.003)), ("u of 0.1 to 1 %", np.geomspace(1e-3, 1e-2, STEADY))):
         alarms = np.mean([alarmed(np.ones(STEADY), rng, rng.permutation(u))[1:].mean() for _ in range(series // 10)])
         yield at_most(f"false alarms in 100 checks, {name}", 100 * alarms, 1, "{:.2f}")
@@ -421,8 +422,7 @@ def judged(name: str, bounds: Bounds, freedom: float, runs: int, rng: np.random.
     if bounds.prior is not None:
         told = math.fsum(decision.outside for decision, _ in passed) / len(passed)
         noise = 3 * math.sqrt(told / len(passed))
-        figure = f"{name}: the same as their verdicts tell it"
-        yield between(figure, told, (wrong - noise, wrong + noise), "{:.2%}")
+        yield between(f"{name}: the same as their verdicts tell it", told, (wrong - noise, wrong + noise), "{:.2%}")
     else:
         there = measured(np.full(runs, LIMIT), freedom, rng)
         accepted = sum(decide(each, bounds).outcome == PASS for each in there) / runs

@@ -90,25 +90,44 @@ def sweep(rounds: int = 5, fewer: int = 2) -> Iterator[Row]:
     runs = in_turn(RUN, rounds)
     walls, cpus, switches = ([run[name] for run in runs] for name in ("wall", "cpu", "switches"))
     faster = runs[0]["bench"] / walls[0]
-    text = f"{runs[0]['bench']:.0f} s / {beside(walls, '{:.2f} s'.format)} = {faster:.0f}"
-    yield at_least("default sweep, run part: bench time / wall time", faster, 1000, "{:.0f}", text)
+    yield at_least(
+        "default sweep, run part: bench time / wall time",
+        faster,
+        1000,
+        "{:.0f}",
+        f"{runs[0]['bench']:.0f} s / {beside(walls, '{:.2f} s'.format)} = {faster:.0f}",
+    )
     yield Row("the same, processor time", beside(cpus, "{:.2f} s".format))
-    text = beside(switches, "{:.0f}".format)
-    yield at_most("the same, switches of threads", switches[0], 650, "{:.0f}", text)
+    yield at_most("the same, switches of threads", switches[0], 650, "{:.0f}", beside(switches, "{:.0f}".format))
     with busy(10):
         among = in_turn(RUN, fewer)
         bare = [in_turn(LOOP % run["cpu"], fewer)[0] for run in among]
     ratios = [run["wall"] / loop["wall"] for run, loop in zip(among, bare, strict=True)]
-    figure = "the same beside 10 busy processes / a bare loop of the same processor time"
-    yield at_most(figure, ratios[0], 1.3, "{:.2f}", beside(ratios, "{:.2f}".format))
+    yield at_most(
+        "the same beside 10 busy processes / a bare loop of the same processor time",
+        ratios[0],
+        1.3,
+        "{:.2f}",
+        beside(ratios, "{:.2f}".format),
+    )
     whole = [each["cpu"] for each in in_turn(WHOLE, rounds)]
-    figure = "the same, whole process with imports and plot, processor time"
-    yield at_most(figure, whole[0], 1.7, "{:.1f} s", beside(whole, "{:.2f} s".format))
+    yield at_most(
+        "the same, whole process with imports and plot, processor time",
+        whole[0],
+        1.7,
+        "{:.1f} s",
+        beside(whole, "{:.2f} s".format),
+    )
     told = [palpate("sweep", "loads", "--scene", *of, "--json") for of in _options("--loads", ARRANGEMENTS)]
     three = [json.loads(each) for each in told]
     took, wall = (sum(result[name] for result in three) for name in ("bench_seconds", "wall_seconds"))
-    figure = f"three arrangements, {sum(len(result['points']) for result in three)} points: bench time / wall time"
-    yield at_least(figure, took / wall, 100, "{:.0f}", f"{took:.0f} / {wall:.1f} s = {took / wall:.0f}")
+    yield at_least(
+        f"three arrangements, {sum(len(result['points']) for result in three)} points: bench time / wall time",
+        took / wall,
+        100,
+        "{:.0f}",
+        f"{took:.0f} / {wall:.1f} s = {took / wall:.0f}",
+    )
 
 
 def _options(name: str, values: dict[str, str]) -> Iterator[tuple[str, str, str]]:
@@ -192,8 +211,13 @@ def scenes(rounds: int = 5) -> Iterator[Row]:
     ideal, everything = (
         min(taken) for taken in zip(*([_swept(scene) for scene in settled] for _ in range(rounds)), strict=True)
     )
-    text = f"{everything:.2f} / {ideal:.2f} s = {everything / ideal:.1f}"
-    yield at_least("sweeps, 'everything' / 'ideal', CPU time", everything / ideal, 3, "{:.0f}", text)
+    yield at_least(
+        "sweeps, 'everything' / 'ideal', CPU time",
+        everything / ideal,
+        3,
+        "{:.0f}",
+        f"{everything:.2f} / {ideal:.2f} s = {everything / ideal:.1f}",
+    )
 
 
 def _calls_in_a_process(registered: str) -> float:
@@ -293,8 +317,9 @@ def soak(days: int = 30) -> Iterator[Row]:
         yield Row("sweeps, bench days", f"{sweeps}, {1e-9 * bench.clock.now_ns() / 86_400:.1f}", f"{days} days")
         for what, values, allowed in (("memory, MiB", memory, 1.02), ("file handles", handles, 1.0)):
             first, last = statistics.median(values[part : 2 * part]), statistics.median(values[-part:])
-            told = f"{first:.4g}, {last:.4g}"
-            yield at_most(f"  {what}: second and last tenth", last, allowed * first, "{:.4g}", told)
+            yield at_most(
+                f"  {what}: second and last tenth", last, allowed * first, "{:.4g}", f"{first:.4g}, {last:.4g}"
+            )
         longer = []
         for _ in range(part):  # in turn: a machine is faster in one minute than in another
             seconds = []
@@ -303,8 +328,13 @@ def soak(days: int = 30) -> Iterator[Row]:
                 seconds.append(_small_sweep(which, design, Path(folder)))
             longer.append(math.log(seconds[0] / seconds[1]))
         mean, u = math.expm1(statistics.mean(longer)), statistics.stdev(longer) / math.sqrt(part)
-        figure = f"  processor time a point then, against a new bench: {part} pairs in turn"
-        yield at_most(figure, 100 * mean, 10, "{:.0f} % more", f"{100 * mean:+.1f} %, u {100 * u:.1f} %")
+        yield at_most(
+            f"  processor time a point then, against a new bench: {part} pairs in turn",
+            100 * mean,
+            10,
+            "{:.0f} % more",
+            f"{100 * mean:+.1f} %, u {100 * u:.1f} %",
+        )
         yield _drive(bench, design, days)
 
 
@@ -339,8 +369,13 @@ def _drive(bench: Bench, design: Design, days: int) -> Row:
         phases.append(float(fit.phase[0]) - 2 * math.pi * cycles)
         us.append(float(fit.amplitude_u[0] / fit.amplitude[0]))
     drift, u = abs(math.remainder(phases[1] - phases[0], 2 * math.pi)), math.hypot(*us)
-    figure = f"phase of a film after {days} days of driving, against the start"
-    return at_most(figure, drift, 3 * u, "{:.1e} rad", f"{drift:.1e} rad, u {u:.1e}")
+    return at_most(
+        f"phase of a film after {days} days of driving, against the start",
+        drift,
+        3 * u,
+        "{:.1e} rad",
+        f"{drift:.1e} rad, u {u:.1e}",
+    )
 
 
 def resident_memory() -> int:

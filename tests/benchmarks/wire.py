@@ -136,8 +136,13 @@ def serve(rounds: int = 5) -> Iterator[Row]:
     """What serving costs: the bench's Modbus server beside a bare one of pymodbus, and a sweep from another process."""
     for clients in CLIENTS:
         costs = [1e6 * each for each in in_turn_while_running(SERVED, partial(cost, clients=clients), rounds)]
-        figure = f"a served request, {clients} client{'s' * (clients > 1)}: processor time"
-        yield at_most(figure, costs[0], 10, "{:.0f} µs", beside(costs, "{:.1f} µs".format))
+        yield at_most(
+            f"a served request, {clients} client{'s' * (clients > 1)}: processor time",
+            costs[0],
+            10,
+            "{:.0f} µs",
+            beside(costs, "{:.1f} µs".format),
+        )
     with TemporaryDirectory() as folder:
         for name, script in (("pyModbusTCP", PYMODBUSTCP), ("libmodbus", _built(Path(folder) / "server"))):
             told = "not tried: it needs a C compiler and libmodbus (Debian: gcc, libmodbus-dev)"
@@ -155,9 +160,12 @@ def serve(rounds: int = 5) -> Iterator[Row]:
         for clients in CLIENTS[:2]:
             taken = [[pool.apply(_rate, (port, clients)) for port in ports] for _ in range(rounds)]
             own, other = map(max, zip(*taken, strict=True))
-            figure = f"served generator / bare pymodbus, {clients} client{'s' * (clients > 1)}"
             yield at_least(
-                figure, own / other, 0.8, "{:.2f}", f"{own:.0f} / {other:.0f} requests/s = {own / other:.2f}"
+                f"served generator / bare pymodbus, {clients} client{'s' * (clients > 1)}",
+                own / other,
+                0.8,
+                "{:.2f}",
+                f"{own:.0f} / {other:.0f} requests/s = {own / other:.2f}",
             )
     yield _from_another_process()
 
@@ -229,8 +237,13 @@ def _from_another_process() -> Row:
         abs(other["force_ratio"] - own["force_ratio"])
         / (other["force_ratio_u"] ** 2 + own["force_ratio_u"] ** 2) ** 0.5
     )
-    said = f"{other['force_ratio']:.4f} / {own['force_ratio']:.4f}, {apart:.1f} u apart"
-    return at_most("sample 1 from another process / own bench", apart, 2, "{:g} u", said)
+    return at_most(
+        "sample 1 from another process / own bench",
+        apart,
+        2,
+        "{:g} u",
+        f"{other['force_ratio']:.4f} / {own['force_ratio']:.4f}, {apart:.1f} u apart",
+    )
 
 
 # --- busy machines -------------------------------------------------------------------------------------
@@ -322,8 +335,13 @@ def fixture() -> Iterator[Row]:
     for name in ("thesis_single", "noisy_lab"):
         found = in_turn(OPENED.format(scene=name), rounds=3)
         walls, cpus = ([1e3 * each[what] for each in found] for what in ("wall", "cpu"))
-        text = f"{beside(walls, '{:.1f} ms'.format)} (processor {beside(cpus, '{:.1f} ms'.format)})"
-        yield at_most(f"bench fixture, {name}: up and down", walls[0], 10, "{:.0f} ms", text)
+        yield at_most(
+            f"bench fixture, {name}: up and down",
+            walls[0],
+            10,
+            "{:.0f} ms",
+            f"{beside(walls, '{:.1f} ms'.format)} (processor {beside(cpus, '{:.1f} ms'.format)})",
+        )
         before = open_ends()
         with simulated_bench(read_scene(name)) as watch, watch.bench:
             pass
