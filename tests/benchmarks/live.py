@@ -63,34 +63,15 @@ def _slower(what: str, share: float, folder: Path, rounds: int, *listeners: Call
 
 def listeners(rounds: int = 5) -> Iterator[Row]:
     """What listeners cost a run: two of three are bad, one hangs and one fails."""
-    never, threads = threading.Event(), list[threading.Thread]()
-    stored: dict[int, float] = {}
-    seen: dict[int, float] = {}
+    never = threading.Event()
 
     def failing(_event: palpate.Event) -> None:
         raise RuntimeError("it fails")
-
-    def watching() -> None:
-        for event in palpate.watch(Path(folder) / "watched"):
-            if event.kind == "point":
-                seen[event.data["id"]] = time.monotonic()
-
-    def stamp(event: palpate.Event) -> None:
-        if event.kind == "begun":
-            threads.append(threading.Thread(target=watching))
-            threads[0].start()
-        if event.kind == "point":
-            stored[event.data["id"]] = time.monotonic()
 
     with tempfile.TemporaryDirectory() as folder:
         bad = (lambda _event: never.wait(), failing, lambda _event: None)
         yield from _slower("three listeners, one hangs and one fails", 2, Path(folder), rounds, *bad)
         never.set()
-        with palpate.open_bench() as bench:
-            palpate.run(SWEEP, bench, out=Path(folder) / "watched", listeners=[InStep(stamp)])
-        threads[0].join()
-    late = max(1e3 * (seen[point] - stored[point]) for point in stored)
-    yield at_most("  a point is heard of by `watch` after it is durable, at most", late, 200, "{:.0f} ms")
 
 
 def live(rounds: int = 5) -> Iterator[Row]:

@@ -411,24 +411,17 @@ def verdicts(runs: int = 10_000) -> Iterator[Row]:
 
 def judged(name: str, bounds: Bounds, freedom: float, runs: int, rng: np.random.Generator) -> Iterator[Row]:
     """Objects of a production, then objects on the limit: half of them might as well be just outside."""
-    risk = bounds.risk
     true = rng.standard_normal(runs)
     estimates = measured(true, freedom, rng)
-    found = [decide(each, bounds) for each in estimates]
-    passed = [(decision, bounds.hold(value)) for decision, value in zip(found, true, strict=True)
-              if decision.outcome == PASS]  # fmt: skip
-    wrong = sum(not holds for _, holds in passed) / len(passed)
-    yield at_most(f"{name}: false among accepted", wrong, risk, "{:.0%}", f"{wrong:.2%}")
-    if bounds.prior is not None:
-        told = math.fsum(decision.outside for decision, _ in passed) / len(passed)
-        noise = 3 * math.sqrt(told / len(passed))
-        yield between(f"{name}: the same as their verdicts tell it", told, (wrong - noise, wrong + noise), "{:.2%}")
-    else:
+    found = [decide(each, bounds).outcome for each in estimates]
+    passed = [bounds.hold(value) for outcome, value in zip(found, true, strict=True) if outcome == PASS]
+    wrong, undecided = 1 - sum(passed) / len(passed), found.count(UNDECIDED) / runs
+    yield at_most(f"{name}: false among accepted", wrong, bounds.risk, "{:.0%}", f"{wrong:.2%}")
+    if bounds.prior is None:
         there = measured(np.full(runs, LIMIT), freedom, rng)
         accepted = sum(decide(each, bounds).outcome == PASS for each in there) / runs
-        most = risk + 3 * math.sqrt(risk * (1 - risk) / runs)
+        most = bounds.risk + 3 * math.sqrt(bounds.risk * (1 - bounds.risk) / runs)
         yield at_most(f"{name}: accepted of those on the limit, noise counted", accepted, most, "{:.2%}")
-    undecided = sum(decision.outcome == UNDECIDED for decision in found) / runs
     band = predicted(estimates, bounds)
     yield between(f"{name}: undecided", undecided, (band - 0.02, band + 0.02), "{:.1%}")
 
