@@ -100,8 +100,6 @@ def _shown(outcome: Outcome) -> str:
 
 # --- hostile scenes ------------------------------------------------------------------------------------
 
-SEED = 35
-
 
 def hostile_scenes(most: int = 1_000_000) -> Iterator[Row]:
     """Hostile scenes: every number of every scene, effect and fault at values that no bench has.
