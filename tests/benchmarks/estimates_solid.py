@@ -1,10 +1,4 @@
-"""Random sensors: is any error estimate of the solid model below the error, and how wide are they?
-
-Half of the sensors are discs, which the round model knows better; what that may be off by is no error of theirs. Others
-are square cells, some under a load in one point, pairs on one base or two, and arrays of four. A square cell under an
-even load is judged by a mesh that is finer than all of its own, others by the finest of theirs, arrays of eight by the
-second mesh of few teeth. A seventh of all have capped rings. `claims` tells how such a campaign is gone on with.
-"""
+"""Estimates of the solid model, as `estimates` has those of the round one."""
 
 from __future__ import annotations
 
@@ -19,7 +13,8 @@ from palpate.instrument.models.parameters import SolidParameters
 from palpate.instrument.models.solid import model as solid
 from palpate.instrument.models.solid.ladders import OF_FEW_TEETH, Resolution, has_many_teeth, refinements
 from palpate.instrument.sensor.material import PVDF
-from tests.benchmarks.claims import (
+from tests.benchmarks.common import Row
+from tests.benchmarks.estimates import (
     RATIOS,
     Array,
     Claim,
@@ -32,10 +27,9 @@ from tests.benchmarks.claims import (
     is_closed,
     left_over,
 )
-from tests.benchmarks.row import Row
 from tests.settings import disc, solid_sensors
 
-SENSORS, SEED = 1000, 91_000_000
+SEED = 91_000_000
 EVERY_CAPPED = 7
 ROUND_REFINEMENTS = axisymmetric.REFINEMENTS[:4]
 FINER = Resolution(layers=5, ratio=0.15, sectors=1, degree=5, stiff=4)
@@ -112,5 +106,12 @@ def _rounded(drawn: SolidParameters, judge: Curve, moduli: Array) -> tuple[Array
     return solid.ROUNDING * ratio, solid.ROUNDING * voltage
 
 
-def measure() -> Iterator[Row]:
-    yield from campaign("estimates-solid", SENSORS, tried)
+def estimates_solid(first: int = 0, sensors: int = 1000) -> Iterator[Row]:
+    """Random sensors: is any error estimate of the solid model below the error, and how wide are they?
+
+    Half of the sensors are discs, which the round model knows better; what that may be off by is no error of theirs.
+    Others are square cells, some under a load in one point, pairs on one base or two, and arrays of four. A square
+    cell under an even load is judged by a mesh that is finer than all of its own, others by the finest of theirs,
+    arrays of eight by the second mesh of few teeth. A seventh of all have capped rings.
+    """
+    yield from campaign("estimates-solid", tried, first, sensors)

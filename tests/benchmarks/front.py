@@ -1,7 +1,7 @@
-"""Is the front what it says? Plans against an independent enumeration, and runs that stop by themselves.
+"""Is the front what it says? And what it rests on: digits of the hard cases, prices of effects.
 
-Runs are statistics alone: their ratios are drawn, with a scatter of sets and of mountings from the priors of a plan or
-from elsewhere; plan, stopping rule and answer are the product's own. `$PALPATE_RUNS` says how many runs for each truth.
+Runs of the front are statistics alone: their ratios are drawn, with a scatter of sets and of mountings from the priors
+of a plan or from elsewhere; plan, stopping rule and answer are the product's own.
 """
 
 from __future__ import annotations
@@ -26,12 +26,14 @@ from palpate.instrument.allocation.lines import BudgetLine, Costs, RepeatUnit
 from palpate.instrument.allocation.stopping import answer, enough, first_sets, run_times
 from palpate.instrument.allocation.table import MOST_SETS, Allocation, OutOfReach, RunOption, Table
 from palpate.procedures.commands.root import palpate
-from tests.benchmarks.row import Row
+from palpate.simulators.planning.plan import Question
+from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.planning.weights import priced
+from tests.benchmarks.common import Row, at_least, at_most, between, none
+from tests.hard_cases import CASES
 
-SETTINGS, WORST = 200, 0.02
-COMMANDS = 200
+WORST = 0.02
 SCENES = ("thesis_single", "noisy_lab", "thesis_common_base", "thesis_different_base", "humid_body", "unknown_curve")
-RUNS = 100  # of each truth and tolerance
 BENCH = Costs(start=5.0, mounting=72.0, set=0.5, person=60.0)
 SENSITIVITY, SCATTER, FREEDOM = 2.0, 0.041, 7.0  # of a modulus near 50 kPa; of the thesis' ratios
 PRIOR, PRIOR_FREEDOM = 0.01, 2.0  # of mountings
@@ -77,10 +79,10 @@ TRUTHS = (
 )
 
 
-def measure() -> Iterator[Row]:
-    yield from settings(SETTINGS)
-    yield from advertised(int(os.environ.get("PALPATE_COMMANDS", COMMANDS)))
-    runs = int(os.environ.get("PALPATE_RUNS", RUNS))
+def front(trials: int = 200, runs: int = 100) -> Iterator[Row]:
+    """Plans against an independent enumeration, and runs that stop by themselves."""
+    yield settings(trials)
+    yield advertised(trials)
     for truth in TRUTHS:
         yield from stopped(truth, runs)
 
@@ -146,7 +148,7 @@ def quickest(ways: list[RunOption], tolerance: float, most: int = 61) -> float:
     return best
 
 
-def settings(count: int) -> Iterator[Row]:
+def settings(count: int) -> Row:
     """Random settings of a bench, each by the table and by trying every plan."""
     random, worst = Random(20), 0.0
     for _ in shown(count, "settings"):
@@ -154,26 +156,28 @@ def settings(count: int) -> Iterator[Row]:
         # Preferring the greater load costs 2 % at most by design; here all loads count alike.
         table = Table.of([replace(way, load=0.0) for way in ways], range(1, 61))
         worst = max(worst, table.for_tolerance(tolerance).mean / quickest(ways, tolerance) - 1)
-    yield Row(f"worst plan of {count} settings over trying all", f"{worst:.2%}", f"<= {WORST:.0%}", worst <= WORST)
+    return at_most(f"worst plan of {count} settings over trying all", worst, WORST, "{:.2%}")
 
 
-def advertised(count: int) -> Iterator[Row]:
+def advertised(count: int) -> Row:
     """Random objects, tolerances and scenes: is a plan of the front what its command plans, and is none refused?"""
     random, other = Random(21), []
     for _ in shown(count, "commands"):
-        asked = ["--modulus", f"{random.uniform(25, 110):.3g} kPa", "--scene", random.choice(SCENES)]
-        asked += random.choice([[], ["--load", f"{random.choice((2, 3, 4))} N"]])
-        asked += random.choice([[], [], ["--mounting-scatter", f"{random.choice((0, 0.5, 2))} %"]])
-        asked += random.choice([[], [], ["--frequency", "20 Hz"]])
-        front = said("accuracy", *asked, "--tolerance", f"{random.uniform(2, 40):.3g} %")
-        plans = [*front["front"], *(each["plan"] for each in front["targets"]), front["asked"]]
+        words = ["--modulus", f"{random.uniform(25, 110):.3g} kPa", "--scene", random.choice(SCENES)]
+        words += random.choice([[], ["--load", f"{random.choice((2, 3, 4))} N"]])
+        words += random.choice([[], [], ["--mounting-scatter", f"{random.choice((0, 0.5, 2))} %"]])
+        words += random.choice([[], [], ["--frequency", "20 Hz"]])
+        shown_front = said("accuracy", *words, "--tolerance", f"{random.uniform(2, 40):.3g} %")
+        plans = [*shown_front["front"], *(each["plan"] for each in shown_front["targets"]), shown_front["asked"]]
         plan = random.choice([each for each in plans if each is not None])
         planned = said(*shlex.split(plan["command"])[1:], "--dry-run").get("planned", {})
         if any(planned.get(name) != plan[name] for name in ("load_N", "mountings", "sets", "dwell_s", "longest_s")):
             other.append(plan["command"])
-    told = "" if not other else f": {other[0]}"
-    yield Row(f"commands of {count} random plans that plan something else, or are refused", f"{len(other)}{told}", "0",
-              not other)  # fmt: skip
+    return none(
+        f"commands of {count} random plans that plan something else, or are refused",
+        len(other),
+        ": ".join([str(len(other)), *other[:1]]),
+    )
 
 
 def said(*words: str) -> dict[str, Any]:
@@ -240,16 +244,56 @@ def stopped(truth: Truth, runs: int) -> Iterator[Row]:
     groups = [some for tolerance in TOLERANCES if (some := ended_runs(truth, tolerance, runs))]
     ended = [each for some in groups for each in some]
     held = float(np.mean([each.held for each in ended]))
-    low, high = truth.covered
     what = f"{truth.name}, {len(ended)} runs"
-    yield Row(f"{what}: intervals that hold the truth", f"{held:.1%}", f"{low:.0%} to {high:.0%}", low <= held <= high)
+    yield between(f"{what}: intervals that hold the truth", held, truth.covered, "{:.0%}", f"{held:.1%}")
     share = float(np.mean([each.half <= each.tolerance * (1 + 1e-9) for each in ended]))
-    yield Row(f"{what}: runs that reach their tolerance", f"{share:.1%}", ">= 93%", share >= 0.93)
+    yield at_least(f"{what}: runs that reach their tolerance", share, 0.93, "{:.0%}", f"{share:.1%}")
     table, times = Table.of([RunOption(truth.lines(), BENCH, 0.1)], range(1, 61)), []
     for some in groups:
         plan = table.for_tolerance(some[0].tolerance)
         expected = run_times(truth.lines(), BENCH, some[0].tolerance, plan).mean
         times.append(float(np.mean([each.seconds for each in some])) / expected)
-    told = ", ".join(f"{ratio:.2f}" for ratio in times)
-    yield Row(f"{what}: mean time over predicted, each tolerance", told, "0.95 to 1.05",
-              all(0.95 <= ratio <= 1.05 for ratio in times))  # fmt: skip
+    yield Row(
+        f"{what}: mean time over predicted, each tolerance", ", ".join(f"{ratio:.2f}" for ratio in times),
+        "0.95 to 1.05", all(0.95 <= ratio <= 1.05 for ratio in times),
+    )  # fmt: skip
+
+
+# --- digits and prices ---------------------------------------------------------------------------------
+
+
+def hard_cases() -> Iterator[Row]:
+    """Digits of the hard cases, each beside a reference that shares no solver with it, the hardest first."""
+    found = [(-math.log10(case.error()), case) for case in CASES.values()]
+    for digits, case in sorted(found, key=lambda each: each[0]):
+        yield at_least(
+            case.name,
+            digits,
+            case.least,
+            "{:g}",
+            f"{digits:.1f} digits beside {case.reference}; predicted: {case.predicted}",
+        )
+
+
+def prices() -> Iterator[Row]:
+    """Whether prices of effects can be measured again: two campaigns of one scene, compared by their own uncertainties.
+
+    Other work on the machine makes all prices larger, so that only an idle one tells; its load is told beside them.
+    """
+    scene, load = read_scene("everything"), os.getloadavg()[0]
+    first, again = (priced(scene, Question()) for _ in range(2))
+    apart = {}
+    for name, a, b in ((name or "the whole", first[name], again[name]) for name in first):
+        apart[f"a of {name}"] = (b.a_s - a.a_s) / math.hypot(a.u_a_s, b.u_a_s)
+        apart[f"b of {name}"] = (b.b_s_per_s - a.b_s_per_s) / math.hypot(a.u_b_s_per_s, b.u_b_s_per_s)
+        yield Row(f"price of {name}, ms; µs/s", " | ".join("; ".join(price.texts()) for price in (a, b)))
+    worst = max(apart, key=lambda name: abs(apart[name]))
+    yield at_most(
+        f"{len(apart)} prices measured again, machine's load {load:.1f}: the farthest apart",
+        abs(apart[worst]),
+        3,
+        "{:.1f} u",
+        f"{worst}, {abs(apart[worst]):.1f} u",
+    )
+    near = sum(abs(z) < 2 for z in apart.values()) / len(apart)
+    yield at_least("the same: within 2 u", near, 0.9, "{:.0%}")

@@ -18,7 +18,7 @@ from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, LinkError, LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from tests.benchmarks.moods import MOODS, in_process
+from tests.benchmarks.faults import MOODS, in_process
 from tests.contracts import modbus_contract
 from tests.drivers.benches import drive, driving, open_bench
 from tests.moody import ACKNOWLEDGED, BUSY, HEADER, WRITES, Moody, Said, carried_out, framed, on_line, refusal

@@ -18,9 +18,7 @@ from random import Random
 
 import click
 
-from tests.fuzz.corpus import CORPUS, keep
-from tests.fuzz.mutate import mutate
-from tests.fuzz.targets import TARGETS, target
+from tests.fuzz.target import CORPUS, TARGETS, keep, mutate, target
 
 LARGEST_MEMORY = 4 << 30  # bytes; an input that takes more is a finding
 LONGEST = 60  # s of processor time for a thousand inputs; the process ends with a traceback

@@ -1,7 +1,7 @@
-"""Files that people write, and those that come with palpate. An input is the content of a file.
+"""Files that people write, those that come with palpate, and records. An input is the content of a file.
 
 What a reader gives must be what stands in the file, key by key, and of the same type: nothing is turned into
-something else silently.
+something else silently. What is damaged in a record is either found, or leaves points and waveforms as they were.
 """
 
 from __future__ import annotations
@@ -15,22 +15,30 @@ import tomllib
 from collections.abc import Callable
 from contextlib import suppress
 from dataclasses import fields, is_dataclass
+from datetime import UTC, datetime
+from functools import cache
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
+
+import numpy as np
 
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.calibration.films import FilmCalibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.config import Config, parse
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.errors import ConfigError, RecordError
 from palpate.instrument.models import price_list
 from palpate.instrument.models.finite_elements.work import SUFFIX, read
 from palpate.instrument.models.surface import STORED, RoundMesh, SolidMesh
+from palpate.procedures.records.chain import HEAD_FILE, MAGIC, RECORD
+from palpate.procedures.records.damage import check, salvaging
+from palpate.procedures.records.record import Recorder
+from palpate.procedures.records.run import Run
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.heads import shipped
-from tests.fuzz.quantities import value_of
 from tests.fuzz.target import Target, require
+from tests.fuzz.values import value_of
 
 BENCH = b"""
 name = "bench"
@@ -234,3 +242,51 @@ def surface() -> Target:
 def _numbers(mesh: RoundMesh | SolidMesh) -> tuple[bytes, ...]:
     poles = mesh.poles
     return (poles.rates.tobytes(), poles.loads.tobytes(), poles.goals.tobytes(), poles.capacity.tobytes())
+
+
+# --- records -------------------------------------------------------------------------------------------
+
+HEADER = {"procedure": "sweep loads", "simulated": True, "started": datetime(2026, 11, 21, tzinfo=UTC).isoformat()}
+POINTS = [({"load_N": 1.5 + n, "valid": True}, 1_000_000_000 * (n + 1)) for n in range(3)]
+
+
+@cache
+def _stored() -> tuple[dict[str, bytes], list[dict[str, Any]], list[dict[str, Any]], str]:
+    folder = FOLDER / "good"
+    with Recorder.create(folder, HEADER) as record:
+        for data, bench_ns in POINTS:
+            waves = {name: (1000.0, np.arange(8.0) * bench_ns) for name in ("rigid", "total")}
+            record.point(data, waves, bench_ns)
+        record.event("note", "a note", 4_000_000_000)
+        record.finish("complete", {"points": 3})
+    run = Run.open(folder)
+    found = run.points(), run.events(), run.digest()
+    files = {name: (folder / name).read_bytes() for name in (RECORD, HEAD_FILE)}
+    return files, *found
+
+
+def decode_run(data: bytes) -> None:
+    files, points, events, digest = _stored()
+    for name in files:
+        (FOLDER / name).unlink(missing_ok=True)
+    in_file(RECORD, data)
+    in_file(HEAD_FILE, files[HEAD_FILE])
+    faults = check(FOLDER).faults
+    with suppress(RecordError), salvaging(FOLDER) as left:
+        salvaged = [{"id": n, "bench_ns": point.bench_ns, **point.data} for n, point in left.points.items()]
+        require(all(point in points for point in salvaged), "salvaged", salvaged)
+    run = Run.open(FOLDER)
+    found = run.points()
+    require(run.events() == events, "events", run.events())
+    require({**run.header, **run.summary} == {**HEADER, "points": 3}, "header", run.header)
+    same = run.digest() == digest
+    require(all(point in points for point in found), "points", found)
+    require(same or bool(faults), "a run that differs and has no fault", faults)
+
+
+def run() -> Target:
+    return Target(
+        [_stored()[0][RECORD]],
+        decode_run,
+        [b"\0\0", b"\xff\xff\xff\xff", b"null", b"[", MAGIC, b"WAVE", b"STAT"],
+    )

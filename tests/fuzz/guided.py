@@ -9,9 +9,7 @@ from pathlib import Path
 
 import atheris
 
-from tests.fuzz.corpus import CORPUS, keep
-from tests.fuzz.mutate import LONGEST
-from tests.fuzz.targets import target
+from tests.fuzz.target import CORPUS, LONGEST, keep, target
 
 CODE = ["instrument", "drivers", "simulators", "procedures", "pymodbus", "canopen"]
 LARGEST_MEMORY = 4096  # MiB

@@ -6,6 +6,7 @@ two pieces) and a reply. An independent reading of the frame says what it holds.
 
 from __future__ import annotations
 
+import re
 import struct
 from fractions import Fraction
 from typing import Any
@@ -194,22 +195,31 @@ def _holds(pdu: bytes, fields: tuple[Field, ...], values: list[float]) -> bool:
 
 
 def _identifies(pdu: bytes, device: ModbusDevice) -> bool:
-    objects: dict[int, bytes] = {}
+    objects: dict[int, str] = {}
     at = 7
     while at + 2 <= len(pdu) and at + 2 + pdu[at + 1] <= len(pdu):
         if pdu[at] in objects:
             return False
-        objects[pdu[at]] = pdu[at + 2 : at + 2 + pdu[at + 1]]
+        objects[pdu[at]] = _text(pdu[at + 2 : at + 2 + pdu[at + 1]])
         at += 2 + pdu[at + 1]
     own = device.contract.identity
     return (
         pdu[:2] == b"\x2b\x0e"
         and at == len(pdu)
         and len(objects) == pdu[6]
-        and (objects.get(0), objects.get(1)) == (own.vendor.encode(), own.product.encode())
-        and objects.get(0x80, b"").decode(errors="replace") == device.serial
-        and (objects.get(6) == b"simulated") == device.simulated
+        and (objects.get(0), objects.get(1)) == (own.vendor, own.product)
+        and objects.get(0x80, "") == device.serial
+        and (objects.get(6) == "simulated") == device.simulated
     )
+
+
+def _text(data: bytes) -> str:
+    """Without what fills a text up, before and behind, and what stood behind it before."""
+    text = re.sub(rb"\A[\0 \t\r\n\xff]+|[ \t\r\n\xff]*(\0.*)?\Z", b"", data, flags=re.DOTALL)
+    try:
+        return text.decode()
+    except UnicodeDecodeError:
+        return text.decode("latin-1")
 
 
 def _target(name: str, tcp: bool) -> Target:

@@ -8,9 +8,7 @@ from random import Random
 import pytest
 from pymodbus.pdu import DecodePDU
 
-from tests.fuzz.corpus import CORPUS
-from tests.fuzz.target import Target, WronglyAcceptedError
-from tests.fuzz.targets import TARGETS, target
+from tests.fuzz.target import CORPUS, TARGETS, Target, WronglyAcceptedError, target
 
 NASTIES = sorted(CORPUS.iterdir())
 KEPT = cache(target)

@@ -14,7 +14,7 @@ from palpate.instrument.errors import ConfigError, EstimateError
 from palpate.instrument.findings.object_modulus import ByReferences, estimate
 from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.validation import Validation, validate, validation_u
-from tests.benchmarks.references import covered
+from tests.benchmarks.coverage import covered
 
 ORIGIN = {
     "design": "single", "model": "surface", "parameters": "physical", "thickness_m": 3e-3, "film_calibration": None,

@@ -267,8 +267,8 @@ def test_equal_objects_are_seldom_ordered_though_every_set_is_looked_at() -> Non
 
 @pytest.mark.slow
 def test_runs_that_end_early_are_seldom_wrong_and_take_what_was_predicted() -> None:
-    from tests.benchmarks.order import TRUTHS, ranked
+    from tests.benchmarks.repeats import ORDER_TRUTHS, ranked
 
-    for truth in (TRUTHS[0], TRUTHS[-2]):
+    for truth in (ORDER_TRUTHS[0], ORDER_TRUTHS[-2]):
         rows = list(ranked(*truth, runs=60))
         assert all(row.met is not False for row in rows), rows

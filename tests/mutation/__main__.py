@@ -4,6 +4,7 @@
     python -m tests.mutation drivers --share 0.1                 one in ten of them
     python -m tests.mutation instrument/signals/noise.py         in one file
     python -m tests.mutation --since HEAD~3                      in the lines changed since a commit
+    python -m tests.mutation FILE --tests 'tests/procedures/**/test_*.py'    by other tests than those that name it
 
 It prints each mistake that no test finds, or that was found because the tests took too long (on a busy machine look
 at these yourself), and for each file how many of a hundred are found. A file in
@@ -21,7 +22,7 @@ import random
 import re
 import subprocess
 import sys
-from collections.abc import Iterable, Iterator
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -73,6 +74,10 @@ def main() -> int:
     )
     parser.add_argument("what", nargs="*", help=f"{', '.join(PARTS)}, or files")
     parser.add_argument("--since", metavar="COMMIT", help="only lines that were changed since")
+    parser.add_argument(
+        "--tests", metavar="PATTERN", help="tests that are to find them; those are run that reach the line (default: "
+        "of a part its own, of another file those that name its module, though commands may reach it, too)",
+    )  # fmt: skip
     parser.add_argument("--share", type=float, default=1.0, help="of the mistakes, drawn by chance")
     parser.add_argument("--seed", type=int, default=1, help="of the draw")
     given = parser.parse_args()
@@ -87,7 +92,7 @@ def main() -> int:
     folder.mkdir(parents=True, exist_ok=True)
     import_libraries()
     counts: dict[str, tuple[int, int]] = {}
-    for part in parts_of(given.what or [str(file) for file in changed or {}]):
+    for part in parts_of(given.what or [str(file) for file in changed or {}], given.tests):
         for file, mutant, status in found(part, folder, given.share, given.seed, changed):
             killed, all_ = counts.get(str(file), (0, 0))
             counts[str(file)] = killed + (status != SURVIVED), all_ + 1
@@ -96,8 +101,15 @@ def main() -> int:
     return report(counts)
 
 
-def parts_of(names: Iterable[str]) -> Iterator[Part]:
-    """A file that stands alone has the tests of its part, or else those that name its module."""
+def parts_of(names: Sequence[str], tests: str | None) -> Iterator[Part]:
+    """A file that stands alone has the tests of its part, or else those that name its module.
+
+    All files that are tried by tests of a pattern are one part: these tests run once to tell what they reach.
+    """
+    if tests:
+        files = [file for name in names for file in (PARTS[name].files if name in PARTS else (name,))]
+        yield Part(tuple(files), (tests,))
+        return
     for name in names:
         if name in PARTS:
             yield PARTS[name]

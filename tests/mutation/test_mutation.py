@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 
-from tests.mutation.__main__ import changed_lines, naming
+from tests.mutation.__main__ import PARTS, Part, changed_lines, naming, parts_of
 from tests.mutation.mutants import Mutant, mutants, mutated
 from tests.mutation.reach import Reach
 from tests.mutation.tried import in_child
@@ -92,5 +92,7 @@ def test_lines_changed_since_a_commit_are_those_of_the_code(tmp_path: Path, monk
         changed_lines("nowhere")
 
 
-def test_a_file_that_belongs_to_no_part_has_the_tests_that_name_its_module() -> None:
+def test_a_file_that_belongs_to_no_part_has_the_tests_that_name_its_module_or_those_asked_for() -> None:
     assert "tests/instrument/test_noise.py" in naming(Path("instrument/signals/noise.py"))
+    (together,) = parts_of(["one.py", "policy"], "tests/test_*.py")
+    assert together == Part(("one.py", *PARTS["policy"].files), ("tests/test_*.py",))

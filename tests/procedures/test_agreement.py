@@ -13,10 +13,9 @@ from palpate.instrument.signals.estimate import FEW_DEGREES
 from palpate.instrument.uncertainty.budget import coverage_factor
 from palpate.procedures.steps.film_point import CRYSTALS, FALSE_ALARMS, forces_differ, frequencies_differ
 from palpate.procedures.steps.films import FilmRecord
-from tests.benchmarks.agreement import DWELLS, OnPaper, false_alarms
-from tests.benchmarks.coverage import FREQUENCY, LOADS, LOUD, RATE
+from tests.benchmarks.coverage import DWELLS, FREQUENCY, LOADS, LOUD, RATE, OnPaper, false_alarms
 
-SEEDS = 20  # the benchmark `agreement` takes 300
+SEEDS = 20
 FILMS = OnPaper(get_design("single"))
 ALLOWED = CRYSTALS * FREQUENCY + FILMS.frequency_step / 2  # Hz, beside what is uncertain
 

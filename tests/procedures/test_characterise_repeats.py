@@ -173,8 +173,7 @@ def test_a_run_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
 
 @pytest.mark.slow
 def test_sensitivities_and_ratios_hold_the_truth_as_often_as_they_say() -> None:
-    from tests.benchmarks.characterise import OFFSETS, noisy, sloped
-    from tests.benchmarks.repeats import TRUTHS
+    from tests.benchmarks.repeats import OFFSETS, TRUTHS, noisy, sloped
 
     rows = [*sloped(*TRUTHS[0], tolerance=0.03, runs=150), *noisy(*OFFSETS[0], runs=150)]
     assert all(row.met is not False for row in rows), rows

@@ -10,7 +10,7 @@ import pytest
 from palpate.procedures.records import chain
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from tests.benchmarks.disk import cuts, failing
+from tests.benchmarks.records import cuts, failing
 from tests.procedures.conftest import HEADER
 
 

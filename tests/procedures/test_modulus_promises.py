@@ -1,14 +1,11 @@
-"""`measure modulus` keeps what it states: a small share of `tests/benchmarks/modulus_budget.py`."""
+"""`measure modulus` keeps what it states: a small share of `tests/benchmarks/modulus.py`."""
 
 from __future__ import annotations
 
 import pytest
 
 from palpate.instrument.allocation.table import FIRST
-from tests.benchmarks.modulus_bench import fast
-from tests.benchmarks.modulus_budget import KINDS, asked, block
-from tests.benchmarks.modulus_figures import Run
-from tests.benchmarks.modulus_wire import compared
+from tests.benchmarks.modulus import KINDS, Run, asked, block, compared, fast
 from tests.chance import plausible
 
 

@@ -1,18 +1,16 @@
-"""What tools that are none of ours find wrong on the served bench: complaints of masters and dissectors.
-
-Needs `mbpoll` and `tshark` (Debian packages), and node with npm's `canopen`, which NODE_PATH may have to name. One that
-is missing is said and not tried.
-"""
+"""Devices that can be bought and their makers' files, and what tools that are none of ours find wrong."""
 
 from __future__ import annotations
 
 import itertools
 import json
+import math
 import re
 import shutil
 import subprocess
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from dataclasses import replace
 from datetime import UTC, datetime
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -24,16 +22,102 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
 from palpate.drivers.links.modbus import read_registers
 from palpate.drivers.logs.bus_log import BusLog, Link, read_pcapng
+from palpate.instrument.bench.kinds import kind_of
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Field
+from palpate.instrument.contracts.maps.eds import FOLDERS, folders
+from palpate.instrument.contracts.maps.golden_frames import prove
+from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
 from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.errors import BenchError
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
 from palpate.procedures.virtual.served_bench import Served, Wish, serving
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.planning.settle import read_scene
+from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice
-from tests.benchmarks.row import Row
+from tests.benchmarks.common import Row, at_least, at_most, measured, none, opened, spent
+from tests.second_reader import hold
+
+# --- real bench ----------------------------------------------------------------------------------------
+
+COUNT = 0.5 / 32768  # V, of either node
+SETTINGS = {  # of the kinds that have them
+    "full_scale": 0.5, "metres_per_step": 1e-6, "span": 10.306, "travel": "25 mm", "volts_per_unit": COUNT,
+}  # fmt: skip
+
+
+def real_bench() -> Iterator[Row]:
+    """The bench of twins of devices that can be bought: what it measures beside ours, and how soon a map is in use."""
+    usual, devices = read_scene("thesis_single"), read_scene("real_bench").devices
+    # effects that neither scatter nor are noise
+    quiet = replace(usual, effects={name: usual.effects[name] for name in ("charge_amplifier", "adc")})
+    pairs = _pairs(quiet, devices)
+    apart = max(abs(a.force_ratio / b.force_ratio - 1) * a.voltage_rigid_V / COUNT for a, b in pairs)
+    yield at_most(
+        f"real_bench: {len(pairs)} force ratios without scatter and noise, apart from ours at most",
+        apart,
+        1,
+        "{:.2f} counts of a node",
+    )
+    pairs = _pairs(usual, devices)
+    far = sum(abs(a.force_ratio - b.force_ratio) > 2 * math.hypot(a.force_ratio_u, b.force_ratio_u) for a, b in pairs)
+    yield none(f"real_bench: of {len(pairs)} force ratios with noise, beyond 2 uncertainties of ours", far)
+    taken = {file.stem: spent(lambda file=file: used(file)).cpu for file in sorted(SHIPPED.glob("*.toml"))}
+    slowest = max(taken, key=taken.__getitem__)
+    yield at_most(
+        f"{len(taken)} shipped maps: read, proved and a twin of it made, slowest ({slowest}), processor time",
+        taken[slowest],
+        5,
+        "{:.2f} s",
+    )
+
+
+def _pairs(scene: Scene, devices: object) -> list[tuple[LoadPoint, LoadPoint]]:
+    """The points of a sweep on the devices of a scene, and on others."""
+    asked, points = LoadSweep(tuple("123456"), (2.0, 3.0), 1.0, 10.0), []
+    for each in (scene, replace(scene, devices=devices)):
+        with TemporaryDirectory() as folder, opened(each) as (_, bench):
+            points.append(measured(asked, bench, get_design("single"), Path(folder) / "run").points)
+    return list(zip(*points, strict=True))
+
+
+def used(file: Path) -> None:
+    """A map is read and proved, and a bench on which its twin stands is served and closed."""
+    found = read_map(file)
+    assert not prove(found.contract, found.frames).problems
+    kind = kind_of(found)
+    settings = {key: value for key, value in SETTINGS.items() if key in kind.settings.model_fields}
+    section = {"kind": kind.name, "role": kind.roles[0], **settings}
+    with SimulatedBench(read_scene("ideal").with_devices({"twin": section})):
+        pass
+
+
+def eds() -> Iterator[Row]:
+    """Makers' EDS and DCF files, of folders that PALPATE_EDS names, held against a second reader of CiA 306.
+
+    The files belong to their makers, and are in no repository.
+    """
+    files = [
+        path for folder in folders() for path in sorted(folder.iterdir()) if path.suffix.lower() in (".eds", ".dcf")
+    ]
+    held = [hold(path) for path in files]
+    objects, pdos = sum(each.objects for each in held), sum(each.pdos for each in held)
+    yield at_least(
+        "makers' EDS and DCF",
+        len(files),
+        100,
+        "{} files",
+        f"{len(files)}, {objects} objects, {pdos} PDOs" if files else f"{FOLDERS} names no folder with any",
+    )
+    for what, name in (("wrong", "wrong"), ("lost without a note", "lost"), ("refused wrongly", "refused")):
+        faults = [fault for each in held for fault in getattr(each, name)]
+        yield none(f"of these, {what}", len(faults), "; ".join([str(len(faults)), *faults[:5]]))
+
+
+# --- masters -------------------------------------------------------------------------------------------
 
 NODE = 1
 MASTER = Path(__file__).with_name("canopen_master.js")
@@ -47,23 +131,26 @@ SENSITIVE = "01"
 STATES = {0, 4, 5, 127}  # of heartbeats: boot-up, stopped, operational, pre-operational
 
 
-def measure() -> Iterator[Row]:
+def masters() -> Iterator[Row]:
+    """What tools that are none of ours find wrong on the served bench: complaints of masters and dissectors.
+
+    Needs `mbpoll` and `tshark` (Debian packages), and node with npm's `canopen`, which NODE_PATH may have to name. One
+    that is missing is said and not tried.
+    """
     wish = Wish(read_scene("thesis_single"), BenchAddresses(interface=MULTICAST), None, 1.0, None, (), None)
     with serving(wish) as served:
-        yield _row("mbpoll", ["mbpoll"], lambda: _mbpoll(served.sim))
-        yield _row("canopen of npm", ["node", "-e", "require('canopen')"], lambda: _canopen(served))
-        yield _row("tshark", ["tshark"], lambda: _tshark(served))
+        yield _told("mbpoll", ["mbpoll"], lambda: _mbpoll(served.sim))
+        yield _told("canopen of npm", ["node", "-e", "require('canopen')"], lambda: _canopen(served))
+        yield _told("tshark", ["tshark"], lambda: _tshark(served))
 
 
-def _row(tool: str, needs: list[str], ask: Callable[[], tuple[str, list[str]]]) -> Row:
+def _told(tool: str, needs: list[str], ask: Callable[[], tuple[str, list[str]]]) -> Row:
     """`ask` says what was tried, and the complaints."""
     figure = f"complaints of {tool}"
     if shutil.which(needs[0]) is None or (needs[1:] and subprocess.run(needs, capture_output=True).returncode):
         return Row(figure, "not tried: it is not installed", "0")
     tried, complaints = ask()
-    return Row(
-        figure, f"{len(complaints)} in {tried}" + "".join(f"\n{each}" for each in complaints), "0", not complaints
-    )
+    return none(figure, len(complaints), "\n".join([f"{len(complaints)} in {tried}", *complaints]))
 
 
 # --- mbpoll --------------------------------------------------------------------------------------------
