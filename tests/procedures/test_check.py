@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import os
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -16,6 +16,7 @@ from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, Palpate
+from tests.runs import flip
 
 POINTS, SAMPLES = 5, 100
 Damage = Callable[[Path], None]
@@ -38,63 +39,69 @@ def film(n: int, name: str) -> np.ndarray:
     return wave if name == "rigid" else np.negative(wave)
 
 
-def flip(n: int, name: str, byte: int) -> Damage:
-    """Flips a bit of a waveform of point `n`."""
-
-    def damage(folder: Path) -> None:
-        content = bytearray((folder / RECORD).read_bytes())
-        content[content.index(film(n, name).tobytes()) + byte] ^= 1
-        (folder / RECORD).write_bytes(content)
-
-    return damage
-
-
 def bytes_of(folder: Path) -> dict[str, bytes]:
     return {path.name: path.read_bytes() for path in folder.iterdir()}
 
 
-def near(text: bytes, *, before: int = 0, zeros: int = 1, file: str = RECORD) -> Damage:
-    """Zeros, or one flipped bit, so many bytes before a text."""
+def near(text: bytes, beside: int = 0) -> Damage:
+    """Flips a bit near a text."""
+    return lambda folder: flip(folder / RECORD, text, beside)
+
+
+def zeros(text: bytes, count: int, file: str = RECORD) -> Damage:
+    """Zeros from a text on."""
 
     def damage(folder: Path) -> None:
         content = bytearray((folder / file).read_bytes())
-        at = content.index(text) - before
-        content[at : at + zeros] = bytes(zeros) if zeros > 1 else [content[at] ^ 2]
+        at = content.index(text)
+        content[at : at + count] = bytes(count)
         (folder / file).write_bytes(content)
 
     return damage
 
 
-def cut(length: int) -> Damage:
-    return lambda folder: os.truncate(folder / RECORD, (folder / RECORD).stat().st_size - length)
-
-
-def longer(folder: Path) -> None:
-    (folder / RECORD).write_bytes((folder / RECORD).read_bytes() + b"x")
-
-
 POINT_2 = b'{"bench_ns":2000'
 DAMAGES: list[tuple[str, Damage, str, list[str]]] = [
-    ("a sample", flip(2, "rigid", 50), "'rigid' of point 2 is not", ["waveform rigid of point 2, left: total"]),
-    ("a point's data", near(POINT_2, before=-3), "point 2 is not as it was written", ["point 2"]),
-    ("a point's length", near(POINT_2, before=36), "some of its 18 rows are", ["point 2"]),
-    ("the hash before", near(POINT_2, before=9), "some of its 18 rows are", ["point 2"]),
+    (
+        "a sample",
+        near(film(2, "rigid").tobytes(), 50),
+        "'rigid' of point 2 is not",
+        ["waveform rigid of point 2, left: total"],
+    ),
+    ("a point's data", near(POINT_2, 3), "point 2 is not as it was written", ["point 2"]),
+    ("a point's length", near(POINT_2, -36), "some of its 18 rows are", ["point 2"]),
+    ("the hash before", near(POINT_2, -9), "some of its 18 rows are", ["point 2"]),
     (
         "a waveform's number",
-        near(b'{"first":0', before=60),
+        near(b'{"first":0', -60),
         "of its 18 rows",
         ["waveform rigid of point 1, left: total"],
     ),
-    ("the header", near(b'{"format"', before=-9), "the header is not", ["the header", "'procedure'", "'started'"]),
-    ("the magic bytes", near(b'{"format"', before=80), "its first row", ["the header", "'procedure'", "'started'"]),
+    ("the header", near(b'{"format"', 9), "the header is not", ["the header", "'procedure'", "'started'"]),
+    ("the magic bytes", near(b'{"format"', -80), "its first row", ["the header", "'procedure'", "'started'"]),
     ("the event", near(b"clipped"), "event 1 is not as it was", ["event 1"]),
     ("the summary", near(b'"force_ratio"'), "the status is not as it was written", ["the status or the summary"]),
-    ("a block", near(POINT_2, zeros=512), "of its 18 rows", ["point 2", "waveform rigid of point 3, left: total"]),
-    ("the end", cut(1), "some of its 18 rows are", ["the status or the summary"]),
-    ("the tail", cut(700), "some of its 18 rows are", ["point 5", "event 1"]),
-    ("an entry of the head", near(b"\x89PAL", zeros=8, file=HEAD_FILE), "run.head is not as it was written", []),
+    ("a block", zeros(POINT_2, 512), "of its 18 rows", ["point 2", "waveform rigid of point 3, left: total"]),
+    (
+        "the end",
+        lambda folder: os.truncate(folder / RECORD, (folder / RECORD).stat().st_size - 1),
+        "some of its 18 rows are",
+        ["the status or the summary"],
+    ),
+    (
+        "the tail",
+        lambda folder: os.truncate(folder / RECORD, (folder / RECORD).stat().st_size - 700),
+        "some of its 18 rows are",
+        ["point 5", "event 1"],
+    ),
+    ("an entry of the head", zeros(b"\x89PAL", 8, HEAD_FILE), "run.head is not as it was written", []),
     ("the head", lambda folder: (folder / HEAD_FILE).unlink(), "run.head: No such file", []),
-    ("more than its end", longer, "goes on after its end", []),
+    (
+        "more than its end",
+        lambda folder: (folder / RECORD).write_bytes((folder / RECORD).read_bytes() + b"x"),
+        "goes on after its end",
+        [],
+    ),
 ]
 
 
@@ -102,25 +109,18 @@ DAMAGES: list[tuple[str, Damage, str, list[str]]] = [
 def test_damage_is_named_and_every_whole_point_is_salvaged(
     run: Path, tmp_path: Path, damage: Damage, fault: str, gone: list[str]
 ) -> None:
-    summary = Run.open(run).summary
+    """A check says it, and a repair brings back every point but those that are said to be gone."""
+    summary, out = Run.open(run).summary, tmp_path / "mended"
     damage(run)
-    salvaged(run, tmp_path / "mended", fault, gone, summary)
-
-
-def salvaged(run: Path, out: Path, fault: str, gone: list[str], summary: Mapping[str, object]) -> None:
-    """What a check says, and what a repair brings back: every point but those that are said to be gone."""
     bytes_before = bytes_of(run)
-    found = check(run)
+    found, done = check(run), repair(run, out)
     assert fault in " ".join(found.faults)
-    done = repair(run, out)
     assert (found.points, found.waveforms) == (done.points, done.waveforms)
     assert bytes_of(run) == bytes_before
-    assert len(done.gone) == len(gone)
     assert all(part in said for part, said in zip(gone, done.gone, strict=True))
     mended = Run.open(out)
-    assert check(out).faults == []
+    assert (check(out).faults, mended.simulated) == ([], True)
     assert mended.header["repaired"] == {"from": str(run), "gone": done.gone}
-    assert mended.simulated
     assert (mended.status, mended.summary) == (("stopped", {}) if gone else ("complete", summary))
     loads = [point["load_N"] for point in mended.points()]
     assert loads == [0.5 * n for n in range(1, POINTS + 1) if f"point {n}" not in done.gone]
@@ -133,19 +133,21 @@ def salvaged(run: Path, out: Path, fault: str, gone: list[str], summary: Mapping
     assert mended.events()[0]["kind"] == "rejected" or "event 1" in done.gone
 
 
-def test_every_flipped_byte_of_the_record_and_its_head_is_found(run: Path) -> None:
-    for name in (RECORD, HEAD_FILE):
-        whole = (run / name).read_bytes()
-        for byte in range(0, len(whole), 61 if name == RECORD else 29):
-            content = bytearray(whole)
-            content[byte] ^= 1 << byte % 8
-            (run / name).write_bytes(content)
-            assert check(run).faults, (name, byte)
-        (run / name).write_bytes(whole)
-    assert check(run).faults == []
+@pytest.mark.parametrize(("name", "step"), [(RECORD, 61), (HEAD_FILE, 29)])
+def test_every_flipped_byte_of_the_record_and_its_head_is_found(run: Path, name: str, step: int) -> None:
+    whole = (run / name).read_bytes()
+    for byte in range(0, len(whole), step):
+        content = bytearray(whole)
+        content[byte] ^= 1 << byte % 8
+        (run / name).write_bytes(content)
+        assert check(run).faults, byte
 
 
-def test_where_no_row_is_whole_nothing_is_salvaged(run: Path, tmp_path: Path) -> None:
+def test_a_repair_writes_into_no_run_and_where_no_row_is_whole_nothing_is_salvaged(run: Path, tmp_path: Path) -> None:
+    before = bytes_of(run)
+    with pytest.raises(UsageError, match="already holds a run"):
+        repair(run, run)
+    assert bytes_of(run) == before
     (run / RECORD).write_bytes(b"x" * 5000)
     with pytest.raises(RecordError, match=r"nothing can be salvaged: .* has no whole row"):
         repair(run, tmp_path / "mended")
@@ -165,23 +167,13 @@ def test_a_forged_record_cannot_keep_a_repair_for_ever(run: Path, monkeypatch: p
     assert 20 <= len(tried) <= 25
 
 
-def test_a_repair_writes_into_no_run(run: Path) -> None:
-    before = bytes_of(run)
-    with pytest.raises(UsageError, match="already holds a run"):
-        repair(run, run)
-    assert bytes_of(run) == before
-
-
 def test_the_commands_say_it_in_tables_and_json(palpate: Palpate, run: Path) -> None:
     assert "whole" in palpate("runs", "check", "run").out
-    flip(1, "rigid", 0)(run)
-    said = palpate("runs", "check", "run")
-    assert said.status == 1
-    assert "DAMAGED" in said.out
-    assert f"palpate runs repair {run} --out DIR" in said.out
-    said = palpate("runs", "check", "run", "--json")
-    assert said.status == 1
-    assert '"damaged": true' in said.out
+    flip(run / RECORD, film(1, "rigid").tobytes())
+    said, of_json = palpate("runs", "check", "run"), palpate("runs", "check", "run", "--json")
+    assert (said.status, of_json.status) == (1, 1)
+    assert "DAMAGED" in said.out and f"palpate runs repair {run} --out DIR" in said.out
+    assert '"damaged": true' in of_json.out
     done = palpate("runs", "repair", "run", "--out", "mended", "--json").object
     assert (done["points"], done["waveforms"], len(done["gone"])) == (5, 9, 1)
     assert palpate("runs", "check", "mended", "--json").object["damaged"] is False

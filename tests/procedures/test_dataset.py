@@ -41,12 +41,6 @@ def test_points_have_sample_and_load_and_waveforms_their_time(tmp_path: Path) ->
     assert "teeth" not in found
 
 
-def test_waveforms_of_several_rates_have_a_time_each(tmp_path: Path) -> None:
-    found = as_dataset(recorded(tmp_path, (250.0, 500.0)))
-    assert found.time_s.dims == ("point", "index")
-    assert found.time_s.values[:, 5].tolist() == [5 / 250, 5 / 500]
-
-
 def test_waveforms_of_one_point_with_several_rates_have_a_time_each(tmp_path: Path) -> None:
     with Recorder.create(tmp_path, HEADER) as record:
         record.point({}, {"film": (250.0, np.arange(4.0)), "load": (10.0, np.arange(3.0))}, 1)
@@ -58,25 +52,16 @@ def test_waveforms_of_one_point_with_several_rates_have_a_time_each(tmp_path: Pa
     assert found.film_time_s.values[:, 3].tolist() == [3 / 250, 3 / 500]
 
 
-@pytest.mark.parametrize("name", ["x", "sample", "point", "time_s", "index"])
-def test_a_waveform_does_not_take_the_place_of_a_value(tmp_path: Path, name: str) -> None:
+@pytest.mark.parametrize(
+    ("value", "waveform"),
+    [("x", "x"), *(pair for name in ("point", "time_s", "index") for pair in ((name, "film"), ("x", name)))],
+)
+def test_a_waveform_or_a_value_does_not_take_the_place_of_another(tmp_path: Path, value: str, waveform: str) -> None:
     with Recorder.create(tmp_path, HEADER) as record:
-        record.point({"x": 1.0, "sample": "1"}, {name: (250.0, np.arange(4.0))}, 1)
-    with pytest.raises(
-        UsageError,
-        match=f"two of its values, waveforms, dimensions and times are called '{name}'; .* palpate runs export",
-    ):
-        as_dataset(Run.open(tmp_path))
-
-
-@pytest.mark.parametrize("name", ["point", "index", "time_s"])
-def test_a_value_does_not_take_the_place_of_a_dimension(tmp_path: Path, name: str) -> None:
-    with Recorder.create(tmp_path, HEADER) as record:
-        record.point({name: 1.0}, {"film": (250.0, np.arange(4.0))}, 1)
-    with pytest.raises(
-        UsageError,
-        match=f"two of its values, waveforms, dimensions and times are called '{name}'; .* palpate runs export",
-    ):
+        record.point({value: 1.0, "sample": "1"}, {waveform: (250.0, np.arange(4.0))}, 1)
+    name = value if waveform == "film" else waveform
+    told = f"two of its values, waveforms, dimensions and times are called '{name}'; .* palpate runs export"
+    with pytest.raises(UsageError, match=told):
         as_dataset(Run.open(tmp_path))
 
 

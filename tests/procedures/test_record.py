@@ -6,7 +6,6 @@ import errno
 import os
 import subprocess
 import sys
-from collections.abc import Callable
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import NoReturn
@@ -40,11 +39,8 @@ def write(folder: Path, points: int = 3, seed: int = 0) -> Run:
     return Run.open(folder)
 
 
-def refuse(code: int) -> Callable[..., NoReturn]:
-    def call(*_: object, **__: object) -> NoReturn:
-        raise OSError(code, os.strerror(code))
-
-    return call
+def refuse(*_: object, **__: object) -> NoReturn:
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
 
 def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
@@ -56,23 +52,7 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     assert run.points()[1] == {"id": 2, "bench_ns": SECOND, "sample": 2, "load_N": 2.0}
     assert run.waveform_names(2) == ["rigid", "total"]
     np.testing.assert_array_equal(run.waveform(2, "total"), waveform(101)[1])
-
-
-def test_a_finished_run_is_a_record_without_zeros_at_its_end_and_a_head(tmp_path: Path) -> None:
-    write(tmp_path)
-    assert {path.name: path.stat().st_size for path in tmp_path.iterdir()} == {
-        "run.head": 1024,
-        "run.record": (tmp_path / "run.record").read_bytes().rindex(b"}") + 1 + HASH,
-    }
-
-
-def test_waveforms_are_stored_as_little_endian_float32(tmp_path: Path) -> None:
-    write(tmp_path, points=2)
-    expected = [(seed, waveform(seed)[1].astype("<f4").tobytes()) for seed in (0, 100, 1, 101)]
-    content = (tmp_path / "run.record").read_bytes()
-    places = [content.index(samples) for _, samples in expected]
-    assert places == sorted(places)
-    assert content[: places[-1]].endswith(b'{"first":0,"name":"total","rate":1000.0}\n')
+    assert (run.folder / "run.record").read_bytes()[-HASH - 1 :].startswith(b"}")  # no zeros behind its end
 
 
 def test_equal_measurements_give_equal_bytes_and_another_seed_does_not(tmp_path: Path) -> None:
@@ -94,24 +74,18 @@ def test_a_long_run_grows_by_a_million_bytes_at_a_time_and_loses_nothing(tmp_pat
     assert len({tuple(w.samples) for w in Run.open(tmp_path).waveforms()}) == 100
 
 
-def test_a_long_waveform_lies_in_several_frames(tmp_path: Path) -> None:
+def test_a_long_waveform_lies_in_several_frames_and_keeps_samples_that_are_not_finite(tmp_path: Path) -> None:
     rate, samples = waveform(1, 2 * IN_A_FRAME + 5)
+    samples[:3] = np.nan, np.inf, -np.inf
+    waveforms = {"a": samples, "none": samples[:0], "b": -samples}
     with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({}, {"a": (rate, samples), "none": (rate, samples[:0]), "b": (rate, -samples)}, 0)
+        recorder.point({}, {name: (rate, each) for name, each in waveforms.items()}, 0)
         recorder.finish("complete", {"points": 1})
     assert (tmp_path / "run.record").read_bytes().count(b'"name":"a","rate":1000.0}') == 3
     run = Run.open(tmp_path)
-    assert run.waveform_names(1) == ["a", "none", "b"]
-    np.testing.assert_array_equal(run.waveform(1, "a"), samples)
-    np.testing.assert_array_equal(run.waveform(1, "b"), -samples)
-    assert run.waveform(1, "none").size == 0
-
-
-def test_samples_that_are_not_finite_are_kept(tmp_path: Path) -> None:
-    samples = np.array([1.0, np.nan, np.inf, -np.inf], dtype=np.float32)
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({}, {"film": (10.0, samples)}, 0)
-    np.testing.assert_array_equal(Run.open(tmp_path).waveform(1, "film"), samples)
+    assert run.waveform_names(1) == list(waveforms)
+    for name, each in waveforms.items():
+        np.testing.assert_array_equal(run.waveform(1, name), each)
 
 
 @pytest.mark.parametrize(
@@ -145,13 +119,10 @@ def test_of_recorders_that_start_at_once_in_a_folder_one_gets_it(tmp_path: Path)
         f"try: Recorder.create(Path({str(tmp_path / 'run')!r}), {HEADER!r}).finish('complete', {{}})\n"
         "except UsageError as error: sys.exit(error.exit_code)\n"
     )
-    racers = [
-        subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        for _ in range(4)
-    ]
+    pipe = subprocess.PIPE
+    racers = [subprocess.Popen([sys.executable, "-c", script], stdin=pipe, stdout=pipe) for _ in range(4)]
     for racer in racers:
-        assert racer.stdout is not None
-        racer.stdout.readline()
+        assert racer.stdout and racer.stdout.readline()
     for racer in racers:
         assert racer.stdin is not None
         racer.stdin.write(b"\n")
@@ -176,25 +147,18 @@ def test_an_exception_is_recorded_and_goes_on(tmp_path: Path, error: BaseExcepti
     assert run.events() == [{"bench_ns": 5 * SECOND, "kind": status, "message": f"{type(error).__name__}: {error}"}]
 
 
-def test_an_exception_after_the_end_leaves_the_result(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.finish("complete", {"points": 0})
-        raise ZeroDivisionError
-    assert Run.open(tmp_path).status == "complete"
-
-
 def test_a_place_that_takes_no_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(RecordError, match=r"file/run: Not a directory; choose a writable folder with --out"):
         Recorder.create(tmp_path / "file" / "run", HEADER)
-    monkeypatch.setattr(Path, "mkdir", refuse(errno.EROFS))
+    monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(RecordError, match=r"run: Read-only file system; choose a writable folder"):
         Recorder.create(tmp_path / "run", HEADER)
 
 
 def test_a_start_that_fails_leaves_the_folder_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as disk, pytest.raises(RecordError, match="free space"):
-        disk.setattr(Path, "replace", refuse(errno.ENOSPC))
+    with monkeypatch.context() as disk, pytest.raises(RecordError, match="Read-only"):
+        disk.setattr(Path, "replace", refuse)
         Recorder.create(tmp_path, HEADER)
     assert list(tmp_path.iterdir()) == []
     write(tmp_path)

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -27,8 +26,9 @@ from palpate.procedures.records.record_file import (
     status_frame,
     whole_waveforms,
 )
+from tests.procedures.conftest import HEADER
+from tests.runs import flip
 
-HEADER = {"procedure": "sweep", "simulated": True, "started": "2025-03-14T15:09:26Z"}
 SAMPLES = np.array([1.5, -2.0, np.nan], dtype="<f4")
 
 
@@ -39,35 +39,31 @@ def text(frame: Content) -> bytes:
 # --- what each kind holds ------------------------------------------------------------------------------
 
 
-def test_a_header_an_event_and_a_status_are_canonical_json() -> None:
-    assert header_frame({"b": 1, "a": 2})[:2] == (b"HEAD", 0)
-    assert text(header_frame({"b": 1, "a": 2})) == b'{"format":4,"header":{"a":2,"b":1}}'
-    assert event_frame(7, "operator", "done", 5)[:2] == (b"EVNT", 7)
-    assert text(event_frame(7, "operator", "done", 5)) == b'{"bench_ns":5,"kind":"operator","message":"done"}'
-    assert status_frame("complete", {"n": 1})[:2] == (b"STAT", 0)
-    assert text(status_frame("complete", {"n": 1})) == b'{"header":{},"status":"complete","summary":{"n":1}}'
-    assert b'{"header":{"repaired":true},' in text(status_frame("stopped", {}, {"repaired": True}))
+@pytest.mark.parametrize(
+    ("frame", "kind", "content"),
+    [
+        (header_frame({"b": 1, "a": 2}), (b"HEAD", 0), b'{"format":4,"header":{"a":2,"b":1}}'),
+        (event_frame(7, "operator", "done", 5), (b"EVNT", 7), b'{"bench_ns":5,"kind":"operator","message":"done"}'),
+        (  # a file's name may hold bytes that are no UTF-8
+            event_frame(1, "k", "a\udcff", 0), (b"EVNT", 1), b'{"bench_ns":0,"kind":"k","message":"a\\\\udcff"}'
+        ),
+        (
+            status_frame("complete", {"n": 1}, {"repaired": True}), (b"STAT", 0),
+            b'{"header":{"repaired":true},"status":"complete","summary":{"n":1}}',
+        ),
+    ],
+)  # fmt: skip
+def test_a_header_an_event_and_a_status_are_canonical_json(
+    frame: Content, kind: tuple[bytes, int], content: bytes
+) -> None:
+    assert (frame[:2], text(frame)) == (kind, content)
 
 
-def test_a_message_that_is_no_text_is_kept_readable() -> None:
-    """A file's name may hold bytes that are no UTF-8."""
-    assert json.loads(text(event_frame(1, "k", "a\udcff", 0)))["message"] == "a\\udcff"
-
-
-@pytest.mark.parametrize("beyond", [0, 1])
-def test_a_point_may_be_as_long_as_the_largest_row(beyond: int, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(record_file, "LARGEST_ROW", len(text(point_frames(1, {}, {}, 0)[0])) - beyond)
-    if beyond:
-        with pytest.raises(RangeError, match=r"^point 1 has 39 bytes, 38 are the most$"):
-            point_frames(1, {}, {}, 0)
-    else:
-        assert len(point_frames(1, {}, {}, 0)) == 1
-
-
-def test_the_name_of_a_chain_is_made_from_the_header() -> None:
-    assert chain_of(HEADER) == chain_of(dict(reversed(HEADER.items())))
-    assert chain_of({**HEADER, "seed": 1}) != chain_of(HEADER)
-    assert len(chain_of(HEADER)) == 16
+def test_a_point_may_be_as_long_as_the_largest_row(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(record_file, "LARGEST_ROW", 39)
+    assert len(point_frames(1, {}, {}, 0)) == 1
+    with pytest.raises(RangeError, match=r"^point 1 has 40 bytes, 39 are the most$"):
+        point_frames(1, {}, {}, 10)
 
 
 # --- values --------------------------------------------------------------------------------------------
@@ -132,10 +128,7 @@ def record(folder: Path, *additions: list[Content], **given: Any) -> Iterator[Re
 def test_frames_of_other_kinds_are_ignored_but_must_be_whole(tmp_path: Path) -> None:
     with record(tmp_path, BEGINS, [(b"NEWS", 0, [b"{}"])]) as found:
         assert found.count() == 0
-    put(tmp_path, BEGINS, [(b"NEWS", 0, [b"{}"])])
-    content = (tmp_path / RECORD).read_bytes()
-    at = content.rindex(b"{}")
-    (tmp_path / RECORD).write_bytes(content[:at] + b"[]" + content[at + 2 :])
+    flip(tmp_path / RECORD, b"{}")
     with pytest.raises(ValueError, match=r"^row 1 is not as it was written$"), opened(tmp_path):
         pass
 
@@ -178,41 +171,30 @@ def test_a_frame_is_called_by_what_it_holds(frame: Content, says: str) -> None:
 def test_what_lies_behind_the_head_is_confirmed_up_to_the_last_whole_addition(tmp_path: Path) -> None:
     with record(tmp_path, BEGINS, point(1), point(2), counted=2) as found:
         content = (tmp_path / RECORD).read_bytes()
-        head = found.head_at_end()
-        assert (head.frames, head.length, head.points, head.events) == (7, len(content), 2, 0)
-        assert head.hash == found.frames[-1].hash
+        assert rest(found.head_at_end()) == (7, len(content), 2, 0, found.frames[-1].hash)
         assert found.tail() == content[found.head.length :]
-        assert (head.chain, head.turn) == (found.head.chain, found.head.turn)
 
 
-def test_waveforms_without_their_point_are_not_confirmed(tmp_path: Path) -> None:
+def test_waveforms_without_their_point_are_not_confirmed_and_damage_in_them_is_a_fault(tmp_path: Path) -> None:
     with record(tmp_path, BEGINS, point(1), point(2)[:1], counted=2) as found:
-        assert found.tail() == b""
-        assert rest(found.head_at_end()) == rest(found.head)
-        assert list(found.faults()) == []
-    with record(tmp_path, BEGINS, point(1)[:1]) as found:  # which the head counts: they were written by a repair
-        assert found.head_at_end().frames == 2
-
-
-def test_a_damaged_waveform_without_its_point_is_a_fault(tmp_path: Path) -> None:
-    put(tmp_path, BEGINS, point(1), point(2)[:1])
-    content = bytearray((tmp_path / RECORD).read_bytes())
-    content[-40] ^= 1
-    (tmp_path / RECORD).write_bytes(content)
+        assert (found.tail(), rest(found.head_at_end()), list(found.faults())) == (b"", rest(found.head), [])
+    put(tmp_path, BEGINS, point(1)[:1])  # which the head counts: they were written by a repair
+    flip(tmp_path / RECORD, b'"rate":250.0}\n', 20)
     with opened(tmp_path) as found:
-        assert list(found.faults()) == ["a waveform of point 2 is not as it was written"]
+        assert found.head_at_end().frames == 2
+        assert list(found.faults()) == ["a waveform of point 1 is not as it was written"]
 
 
-def test_a_finished_run_goes_on_with_nothing_but_zeros(tmp_path: Path) -> None:
-    for status, faults in (("complete", ["run.record goes on after its end, from byte {} on"]), ("stopped", [])):
-        put(tmp_path, BEGINS, [status_frame(status, {})])
-        content = (tmp_path / RECORD).read_bytes()
-        (tmp_path / RECORD).write_bytes(content + bytes(9))
+@pytest.mark.parametrize(
+    ("status", "faults"), [("complete", ["run.record goes on after its end, from byte {} on"]), ("stopped", [])]
+)
+def test_a_finished_run_goes_on_with_nothing_but_zeros(status: str, faults: list[str], tmp_path: Path) -> None:
+    put(tmp_path, BEGINS, [status_frame(status, {})])
+    content = (tmp_path / RECORD).read_bytes()
+    for behind, told in ((bytes(9), []), (bytes(9) + b"x", faults)):
+        (tmp_path / RECORD).write_bytes(content + behind)
         with opened(tmp_path) as found:
-            assert list(found.faults()) == []
-        (tmp_path / RECORD).write_bytes(content + bytes(9) + b"x")
-        with opened(tmp_path) as found:
-            assert list(found.faults()) == [fault.format(len(content)) for fault in faults]
+            assert list(found.faults()) == [fault.format(len(content)) for fault in told]
 
 
 # --- waveforms in pieces -------------------------------------------------------------------------------
@@ -237,24 +219,16 @@ Pieces = list[tuple[int, str, float, list[float]]]
 )
 def test_a_waveform_is_whole_where_its_pieces_join(pieces: Pieces, found: list[float] | None, tmp_path: Path) -> None:
     waves: list[Content] = [
-        (b"WAVE", 1, [as_json({"first": first, "name": name, "rate": rate}).encode() + b"\n", samples_of(values)])
+        (
+            b"WAVE", 1,
+            [as_json({"first": first, "name": name, "rate": rate}).encode() + b"\n", np.array(values, "<f4").tobytes()],
+        )
         for first, name, rate, values in pieces
-    ]
-    put(tmp_path, BEGINS, waves) if waves else put(tmp_path, BEGINS)
+    ]  # fmt: skip
+    put(tmp_path, BEGINS, waves)
     with ChainFile(tmp_path / RECORD) as file:
         whole = whole_waveforms(file, list(file.walk(None))[1:], [["film", 250.0, 3]])
     assert {name: samples.tolist() for name, samples in whole.items()} == ({} if found is None else {"film": found})
-
-
-def samples_of(values: list[float]) -> bytes:
-    return np.array(values, "<f4").tobytes()
-
-
-def test_a_waveform_without_samples_needs_no_frame(tmp_path: Path) -> None:
-    put(tmp_path, BEGINS)
-    with ChainFile(tmp_path / RECORD) as file:
-        (samples,) = whole_waveforms(file, [], [["film", 250.0, 0]]).values()
-    assert (samples.size, samples.dtype.str) == (0, "<f4")
 
 
 def test_a_point_whose_waveform_is_not_whole_is_told_when_it_is_read(tmp_path: Path) -> None:
