@@ -10,6 +10,7 @@ from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import tomli_w
@@ -19,7 +20,6 @@ from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
-from palpate.procedures.lab import operator as keys
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
 from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.records.chain import HEAD_FILE
@@ -29,7 +29,7 @@ from palpate.procedures.records.resumed import Resumed, header_of, settings_of
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import new_form
-from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
+from tests.procedures.conftest import HEADER, OFF, Palpate, interrupt_at, outputs
 from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
@@ -39,15 +39,7 @@ Stop = Callable[[int], None]
 @pytest.fixture
 def stop(on_progress: Any) -> Stop:
     """Has the next command interrupted when it has reported so many points; 0: never."""
-
-    def install(points: int) -> None:
-        def report(done: int, _total: int, _what: str) -> None:
-            if points and done == points:
-                raise KeyboardInterrupt
-
-        on_progress(report)
-
-    return install
+    return lambda points: on_progress(interrupt_at(points or -1))
 
 
 def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
@@ -64,9 +56,11 @@ def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What was confirmed by somebody who always does as he is asked."""
     words: list[str] = []
-    monkeypatch.setattr(
-        operator, "confirm", lambda what, word: words.append(f"{word} anew" if "anew" in what else word)
-    )
+
+    def confirm(what: str, word: str) -> None:
+        words.append(f"{word} anew" if "anew" in what else word)
+
+    monkeypatch.setattr(operator, "confirm", confirm)
     return words
 
 
@@ -96,45 +90,32 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     said = palpate("runs", "resume", "cut", "--json").object
     run = Run.open(Path("cut"))
     assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
-    assert said["softness_order"] == whole.summary["softness_order"]
-    assert len(said["points"]) == 3
+    assert (said["softness_order"], len(said["points"])) == (whole.summary["softness_order"], 3)
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
 
 
-def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
+def test_every_procedure_is_found_by_the_name_in_its_header_and_has_its_settings_back() -> None:
     found = {name: class_of(run_of({}, name), "resumed") for name in SHIPPED}
     assert [procedure.name for procedure in found.values()] == list(found)
     on_real_benches = {name for name, procedure in found.items() if procedure.resumable_on_real_bench}
     assert on_real_benches == {"sweep-loads", "sweep-frequency", "measure-modulus"}
-    loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, extrapolate=True)
-    assert settings_from(LoadSweep, loads) == loads
-    unknown = SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
-    assert settings_from(SoftnessTest, unknown) == unknown
+    for settings in (
+        LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, extrapolate=True),
+        SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment"),
+    ):
+        stored = run_of(json.loads(as_json({"settings": asdict(settings)})))
+        assert settings_of(stored, type(settings)) == settings
 
 
-def settings_from(kind: type[Any], settings: Any) -> Any:
-    """Settings as a record gives them back."""
-    return settings_of(run_of(json.loads(as_json({"settings": asdict(settings)}))), kind)
-
-
-class Once:
+def once() -> Mock:
     """Asks for a pause before the second point."""
-
-    def __init__(self) -> None:
-        self._asked = 0
-
-    def asked(self) -> bool:
-        self._asked += 1
-        return self._asked == 2
-
-    def wait(self) -> None:
-        pass
+    return Mock(asked=Mock(side_effect=[False, True, *[False] * 9]))
 
 
 @pytest.mark.slow
 def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
     with monkeypatch.context() as pressed:
-        pressed.setattr(keys, "keyboard", lambda: nullcontext(Once()))
+        pressed.setattr(operator, "keyboard", lambda: nullcontext(once()))
         assert palpate(*SWEEP, "--out", "whole").status == 0
         stopped(palpate, stop, 2, *SWEEP)
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
@@ -149,14 +130,16 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
     before = stopped(palpate, stop, 2, *SWEEP).points()
     scene = Path("cut/scene.toml")
     scene.write_text(scene.read_text().replace("seed = 1", "seed = 2"))
-    rehash(Path("cut"), header=lambda header: header["versions"].update(numpy="1.0"))
-    rehash(Path("cut"), header=lambda header: header["calibration"].update(zero_mV=9.5))
-    said = palpate("runs", "resume", "cut")
-    assert said.status == 2
-    assert "scene.seed: 1 in the record, 2 now\n" in said.complaint
-    assert 'versions.numpy: "1.0" in the record' in said.complaint
-    assert "calibration.zero_mV: 9.5 in the record, 1." in said.complaint
-    assert said.complaint.endswith("or resume with --accept-change, which is recorded")
+    for changed, to in (("versions", {"numpy": "1.0"}), ("calibration", {"zero_mV": 9.5})):
+        rehash(Path("cut"), header=lambda header, changed=changed, to=to: header[changed].update(to))  # type: ignore[misc]
+    said = palpate("runs", "resume", "cut").refusal
+    for told in (
+        "scene.seed: 1 in the record, 2 now\n",
+        'versions.numpy: "1.0" in the record',
+        "calibration.zero_mV: 9.5 in the record, 1.",
+    ):
+        assert told in said
+    assert said.endswith("or resume with --accept-change, which is recorded")
     assert events("cut") == ["stopped"]
     assert palpate("runs", "resume", "cut", "--accept-change", "--quiet").status == 0
     run = Run.open(Path("cut"))
@@ -168,23 +151,22 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
 def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
     stopped(palpate, stop, 2, *SWEEP)
     rehash(Path("cut"), point=lambda data: data.update(force_ratio=0.5), number=2)
-    said = palpate("runs", "resume", "cut")
-    assert said.status == 1
-    assert "point 2 is not what the bench gives now" in said.complaint
+    assert "point 2 is not what the bench gives now" in palpate("runs", "resume", "cut").complaint
     assert len(Run.open(Path("cut")).points()) == 2
 
 
 def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
-    assert "is complete; there is nothing to resume" in palpate("runs", "resume", "whole").complaint
+    resume = ("runs", "resume", "whole")
+    assert "is complete; there is nothing to resume" in palpate(*resume).complaint
     rehash(whole.folder, status="running")
     with Resumed(Run.open(whole.folder), replay=True, accept=False):
-        assert "is being written by another process" in palpate("runs", "resume", "whole").complaint
+        assert "is being written by another process" in palpate(*resume).complaint
     rehash(whole.folder, status="running")
-    assert "leave this option out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
+    assert "leave this option out" in palpate(*resume, "--bench", "lab.toml").complaint
     rehash(whole.folder, header=lambda header: header.update(procedure="reproduce"))
-    assert "'reproduce' cannot be resumed without its class: " in palpate("runs", "resume", "whole").complaint
+    assert "'reproduce' cannot be resumed without its class: " in palpate(*resume).complaint
     (whole.folder / HEAD_FILE).unlink()
-    assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
+    assert "salvage it with palpate runs repair" in palpate(*resume).complaint
 
 
 BEGUN: dict[str, Any] = {
@@ -213,20 +195,31 @@ def run_of(header: dict[str, Any], name: str = "sweep-loads") -> Run:
 
 
 def test_a_header_that_was_forged_is_refused() -> None:
+    assert header_of(run_of(BEGUN)) == BEGUN
     for header in FORGERIES:
-        assert header_of(run_of(BEGUN)) == BEGUN
-        with pytest.raises(
-            RecordError, match=r"^run: its header is not that of a procedure on a bench \(.*\); run anew$"
-        ):
+        with pytest.raises(RecordError, match=r"^run: its header is not that of a procedure on .* \(.*\); run anew$"):
             header_of(run_of(header))
 
 
-@pytest.mark.parametrize("settings", [{}, {"samples": None, "loads": [None]}])
-def test_settings_that_were_forged_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(
-        RecordError, match=r"^run: its settings were recorded by another version of palpate \(.*\); run anew$"
-    ):
-        LoadSweep.recorded(run_of(BEGUN | {"settings": settings}))
+@dataclass
+class Levels:
+    values: int | tuple[float, ...]
+
+
+@pytest.mark.parametrize(
+    ("read", "settings"),
+    [
+        (LoadSweep.recorded, {}),
+        (LoadSweep.recorded, {"samples": None, "loads": [None]}),
+        (lambda run: settings_of(run, Levels), {"values": [None]}),
+    ],
+)
+def test_settings_that_were_forged_or_have_a_null_where_no_number_belongs_are_refused(
+    read: Callable[[Run], object], settings: dict[str, Any]
+) -> None:
+    told = r"^run: its settings were recorded by another version of palpate \(.*\); run anew$"
+    with pytest.raises(RecordError, match=told):
+        read(run_of(BEGUN | {"settings": settings}))
 
 
 def test_what_was_forged_is_one_error_at_the_command_line(palpate: Palpate) -> None:
@@ -235,16 +228,6 @@ def test_what_was_forged_is_one_error_at_the_command_line(palpate: Palpate) -> N
         said = palpate("runs", "resume", folder)
         assert said.status == 1
         assert said.complaint.startswith(f"{Path(folder).absolute()}: its {what} ")
-
-
-@dataclass
-class Levels:
-    values: int | tuple[float, ...]
-
-
-def test_a_null_where_no_number_belongs_is_one_error() -> None:
-    with pytest.raises(RecordError, match="its settings were recorded by another version of palpate"):
-        settings_of(run_of({"settings": {"values": [None]}}), Levels)
 
 
 # --- a real bench ---------------------------------------------------------------------------------------
@@ -256,15 +239,13 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     two_samples = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
     before = stopped(palpate, stop, 3, *two_samples, "--bench", person).points()
     ended = sim.clock.now_ns()
-    other = Path("other.toml")
-    other.write_text(tomli_w.dumps(new_form(read_bench(Path(person))) | {"force_limit": "9.0 N"}))
-    said = palpate("runs", "resume", "cut", "--bench", "other.toml")
-    assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said.complaint
-    assert said.complaint.count("in the record") == 1  # its new form changes nothing
+    Path("other.toml").write_text(tomli_w.dumps(new_form(read_bench(Path(person))) | {"force_limit": "9.0 N"}))
+    said = palpate("runs", "resume", "cut", "--bench", "other.toml").complaint
+    assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said
+    assert said.count("in the record") == 1  # its new form changes nothing
     result = palpate("runs", "resume", "cut", "--bench", "other.toml", "--accept-change", "--json").object
-    run = Run.open(Path("cut"))
-    points = run.points()
-    assert (run.status, points[:3]) == ("complete", before)
+    points = Run.open(Path("cut")).points()
+    assert (Run.open(Path("cut")).status, points[:3]) == ("complete", before)
     assert [(p["sample"], p["load_N"]) for p in points] == [("1", 2.0), ("1", 3.0), ("2", 2.0), ("2", 3.0)]
     assert points[3]["bench_ns"] > ended + 60e9  # the sample is mounted anew
     assert (asked, result["mounting"]) == (["1", "2", "2"], "confirmed")
@@ -283,9 +264,9 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
     result = palpate("runs", "resume", "cut", "--json").object
     run = Run.open(Path("cut"))
     assert (run.status, run.points()[:4]) == ("complete", before)
-    assert (result["sets"], result["mountings"]) == (10, 2)
+    assert (result["sets"], result["mountings"], result["achieved_seconds"]) == (10, 2, None)
     assert [point["mounting"] for point in run.points()] == 4 * [1] + 6 * [2]
-    assert (asked, result["achieved_seconds"]) == (["1", "1 anew"], None)
+    assert asked == ["1", "1 anew"]
     assert events("cut") == ["stopped", "continued", "enough"]
     assert outputs(sim) == OFF
 
@@ -294,12 +275,11 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
 def test_a_run_that_goes_on_without_a_terminal_says_what_it_assumes(
     palpate: Palpate, stop: Stop, person: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stopped(palpate, stop, 1, "sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--bench", person, "--quiet")
-    assert Run.open(Path("cut")).header["mounting"] == "confirmed"
+    run = stopped(palpate, stop, 1, *SWEEP, "--bench", person)
+    assert run.header["mounting"] == "confirmed"
     monkeypatch.setattr(operator, "at_terminal", lambda: False)
-    said = palpate("runs", "resume", "cut")
-    assert (said.status, events("cut")) == (2, ["stopped"])
-    assert "--assume-mounted" in said.complaint
+    assert "--assume-mounted" in palpate("runs", "resume", "cut").refusal
+    assert events("cut") == ["stopped"]
     result = palpate("runs", "resume", "cut", "--assume-mounted", "--json").object
     assert (result["mounting"], Run.open(Path("cut")).header["mounting"]) == ("assumed", "assumed")
 
@@ -310,14 +290,11 @@ def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpa
 
 
 def test_a_stored_null_is_read_back_as_nan(tmp_path: Path) -> None:
-    header = {**HEADER, "settings": {}}
     known = {"sample": "1", "load_N": 2.0, "valid": False, "flags": ("not finite",)}
-    needed = [field.name for field in fields(LoadPoint) if field.default is MISSING]
-    values: dict[str, Any] = {**dict.fromkeys(needed, math.nan), **known}
-    point = LoadPoint(**values)
-    with Recorder.create(tmp_path, header) as record:
+    needed = dict.fromkeys((field.name for field in fields(LoadPoint) if field.default is MISSING), math.nan)
+    point = LoadPoint(**{**needed, **known})  # type: ignore[arg-type]
+    with Recorder.create(tmp_path, {**HEADER, "settings": {}}) as record:
         record.point(asdict(point), {}, 5)
     with Resumed(Run.open(tmp_path), replay=False, accept=False) as resumed:
         (again,) = resumed.finished(LoadPoint)
-        assert resumed.bench_ns == 5
-    assert repr(again) == repr(point)
+        assert (repr(again), resumed.bench_ns) == (repr(point), 5)
