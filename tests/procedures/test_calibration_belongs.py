@@ -9,12 +9,12 @@ from pathlib import Path
 import pytest
 
 import palpate as package
-from palpate.instrument.calibration.calibration import Calibration
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
-from tests.procedures.conftest import Palpate
+from palpate.simulators.scenes.scene import Scene
+from tests.procedures.conftest import Palpate, scene_of
 from tests.runs import rehash
 
 PLAIN = """
@@ -33,7 +33,7 @@ FILMS = ("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "
 
 @pytest.fixture
 def scenes(palpate: Palpate) -> None:
-    for name, text in (("plain", PLAIN), ("odd", ODD), ("renamed", ODD.replace('"plain"', '"other"'))):
+    for name, text in (("plain", PLAIN), ("odd", ODD)):
         Path(f"{name}.toml").write_text(text, encoding="utf-8")
 
 
@@ -54,31 +54,21 @@ def test_what_is_calibrated_on_a_simulated_bench_changes_no_run_of_another_scene
     assert before[1:] == ("thesis Table 5.1", None)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("scenes")
-def test_scenes_of_the_same_content_are_one_bench_whatever_their_names_and_units(palpate: Palpate) -> None:
-    Path("spelled.toml").write_text(ODD.replace("10 mV/N", "0.01 V/N") + 'zero_offset = "0 mV"\n', encoding="utf-8")
-    assert palpate(*LOAD_CELL, "--scene", "odd.toml").status == 0
-    names = [of_run(palpate(*SWEEP, "--scene", f"{scene}.toml").object)[1] for scene in ("odd", "renamed", "plain")]
-    assert [name == "thesis Table 5.1" for name in names] == [False, False, True]
-    assert names[0] == names[1]
+CHANGES: list[Callable[[Scene], Scene]] = [
+    lambda scene: scene.with_seed(2),
+    lambda scene: replace(scene, model="column"),
+    lambda scene: replace(scene, rig=scene.rig.model_copy(update={"coil_resistance": 3.6})),
+    lambda scene: replace(scene, effects={}),
+    lambda scene: replace(scene, design=replace(scene.design, name="other")),
+    lambda scene: replace(scene, nodes=2),
+]
 
 
-@pytest.mark.parametrize(
-    "change",
-    [
-        lambda scene: scene.with_seed(2),
-        lambda scene: replace(scene, model="column"),
-        lambda scene: replace(scene, rig=scene.rig.model_copy(update={"coil_resistance": 3.6})),
-        lambda scene: replace(scene, effects={}),
-        lambda scene: replace(scene, design=replace(scene.design, name="other")),
-        lambda scene: replace(scene, nodes=2),
-    ],
-)
-def test_each_part_of_a_scene_makes_another_bench_of_it(change: Callable[[object], object]) -> None:
+def test_each_part_of_a_scene_makes_another_bench_of_it_and_names_and_units_do_not(tmp_path: Path) -> None:
     scene = read_scene("thesis_single")
-    assert change(scene).identity != scene.identity  # type: ignore[attr-defined]
-    assert replace(scene, name="other", purpose="Another.").identity == scene.identity
+    assert len({scene.identity, *(change(scene).identity for change in CHANGES)}) == 1 + len(CHANGES)
+    spelled = ODD.replace('"plain"', '"other"').replace("10 mV/N", "0.01 V/N") + 'zero_offset = "0 mV"\n'
+    assert scene_of(spelled, tmp_path).identity == scene_of(ODD, tmp_path).identity
 
 
 @pytest.mark.usefixtures("own_store")
@@ -95,31 +85,20 @@ def test_a_client_of_a_served_bench_stores_for_its_scene_alone(lab: str, sim: Si
             assert package.run(sweep, bench).outcome["calibration"] == used
 
 
-def stored(made: dict[str, object], **changed: object) -> Calibration:
-    """The calibration of a run, changed in the store as if it had been measured so."""
-    path = Path(str(made["calibration_file"]))
-    found = read_calibration(path).model_copy(update=changed)
-    write_calibration(path, found)
-    return found
-
-
 def test_a_run_tells_that_its_calibration_was_made_later_or_is_another_than_it_began_with(palpate: Palpate) -> None:
-    made = palpate(*LOAD_CELL[:-1], "--json").object
-    stored(made, created="2999-01-01T00:00:00+00:00")
-    told = "(made after the run began, on 2999-01-01T00:00:00+00:00)"
-    assert palpate(*SWEEP).object["calibration"].endswith(told)
-    assert told in palpate(*SWEEP[:-1], "--out", "day").out
+    path = Path(palpate(*LOAD_CELL[:-1], "--json").object["calibration_file"])
+    later = read_calibration(path).model_copy(update={"created": "2999-01-01T00:00:00+00:00"})
+    write_calibration(path, later)
+    assert "(made after the run began, on 2999-01-01T00:00:00+00:00)" in palpate(*SWEEP[:-1], "--out", "day").out
     rehash(Path("day"), status="stopped", header=lambda header: header["calibration"].update(source="another"))
     assert "; the run began with another)" in palpate("runs", "resume", "day", "--accept-change").out
 
 
 def test_the_thesis_calibration_is_not_taken_for_another_gage_factor(lab: str, palpate: Palpate) -> None:
-    text = Path(lab).read_text(encoding="utf-8")
-    Path(lab).write_text(text.replace("gage_factor = 8.98", "gage_factor = 4.49"), encoding="utf-8")
-    assert Path(lab).read_text(encoding="utf-8") != text
-    said = palpate(*SWEEP, "--bench", lab, "--assume-mounted")
-    assert said.status == 2
-    assert "at gage factor 8.98, this bench's is 4.49; set gage_factor" in said.complaint
+    text = Path(lab).read_text(encoding="utf-8").replace("gage_factor = 8.98", "gage_factor = 4.49")
+    Path(lab).write_text(text, encoding="utf-8")
+    said = palpate(*SWEEP, "--bench", lab, "--assume-mounted").refusal
+    assert "at gage factor 8.98, this bench's is 4.49; set gage_factor" in said
 
 
 def test_a_scripts_calibration_holds_for_later_runs_on_the_open_bench(tmp_path: Path, own_store: None) -> None:

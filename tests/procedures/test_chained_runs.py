@@ -8,16 +8,19 @@ import subprocess
 import sys
 from collections.abc import Callable
 from dataclasses import dataclass
+from itertools import chain, repeat
 from pathlib import Path
+from unittest.mock import Mock
 
 import pytest
 
 import palpate
-from palpate.extend import OpenBench
+from palpate.drivers.bench import Bench
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.steps.pause import NOBODY
 from palpate.testing import steps
 from tests.examples.relaxation import Relaxation
+from tests.procedures.conftest import interrupt_at
 from tests.runs import rehash
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -39,14 +42,6 @@ def copying(run: Path, into: Path, at: list[int]) -> Progress:
     return copy
 
 
-def interrupt_at(points: int) -> Progress:
-    def stop(done: int, _total: int, _what: str) -> None:
-        if done == points:
-            raise KeyboardInterrupt
-
-    return stop
-
-
 @pytest.mark.slow
 def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(tmp_path: Path) -> None:
     killed = tmp_path / "killed"
@@ -57,27 +52,12 @@ def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(
             found = palpate.run(procedure, bench, out=out, listeners=[steps(copying(out, killed, cuts))])
             whole.append((found.run.digest(), found.run.summary))
             cuts.pop()  # complete
-    assert at[1] == [0, 1, 2]
-    assert at[2] == [0, 1]
+    assert (at[1], at[2]) == ([0, 1, 2], [0, 1])
     for number in (2, 1):  # what was stored when the last was interrupted is still stored
         for points in at[number]:
             again = palpate.resume(killed / f"run{number}-{points}")
             assert (again.run.digest(), again.run.summary) == whole[number], (number, points)
             assert again.outcome["achieved_seconds"] == whole[number][1]["achieved_seconds"]
-
-
-class Once:
-    """Asks for a pause before a point, in which time passes."""
-
-    def __init__(self, bench: OpenBench) -> None:
-        self.bench, self.asks = bench, True
-
-    def asked(self) -> bool:
-        asks, self.asks = self.asks, False
-        return asks
-
-    def wait(self) -> None:
-        """A simulated bench takes no notice of the time of the wall."""
 
 
 FAULTY = """
@@ -99,14 +79,18 @@ def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
     scene, killed = tmp_path / "scene.toml", tmp_path / "killed"
     scene.write_text(FAULTY)
     whole = {}
+    once = Mock(asked=Mock(side_effect=chain([True], repeat(False))))  # it asks for a pause before a point
     with palpate.open_bench(scene=scene) as bench:
-        for number, pause in enumerate((NOBODY, Once(bench), NOBODY)):
+        for number, pause in enumerate((NOBODY, once, NOBODY)):
             bench.bench.clock.wait(60.0 * number)
             out = tmp_path / f"run{number}"
             done = palpate.run(SWEEP, bench, out=out, listeners=[steps(copying(out, killed, []))], pause=pause)
             whole[number] = done.run
-    happened = [{event["kind"] for event in run.events()} for run in whole.values()]
-    assert happened == [{"incident"}, {"incident", "paused", "resumed"}, {"incident"}]
+    assert [{event["kind"] for event in run.events()} for run in whole.values()] == [
+        {"incident"},
+        {"incident", "paused", "resumed"},
+        {"incident"},
+    ]
     assert len({run.digest() for run in whole.values()}) == len(whole)
     for number, run in list(whole.items())[1:]:
         again = palpate.resume(killed / f"run{number}-1").run
@@ -114,24 +98,21 @@ def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
         assert again.header.get("before") == run.header.get("before")
 
 
-def worked_on(bench: OpenBench) -> None:
-    bench.bench.operator.mount(palpate.get_sample("3"))
-
-
-def set_by_hand(bench: OpenBench) -> None:
-    bench.bench.device("strain_indicator").set(filter=0.4)
-
-
-@pytest.mark.parametrize("something_else", [worked_on, set_by_hand])
-@pytest.mark.parametrize("runs", [0, 1])
+@pytest.mark.parametrize(
+    ("runs", "something_else"),
+    [
+        (0, lambda bench: bench.operator.mount(palpate.get_sample("3"))),
+        (1, lambda bench: bench.device("strain_indicator").set(filter=0.4)),
+    ],
+)
 def test_a_run_after_something_that_nobody_knows_says_as_it_begins_that_it_cannot_be_resumed(
-    something_else: Callable[[OpenBench], None], runs: int, tmp_path: Path, capsys: pytest.CaptureFixture[str]
+    runs: int, something_else: Callable[[Bench], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:
     with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
         for number in range(runs):
             palpate.run(Relaxation(readings=1), bench, out=tmp_path / str(number))
         assert "cannot be resumed" not in capsys.readouterr().err
-        something_else(bench)
+        something_else(bench.bench)
         palpate.run(Relaxation(), bench, out=tmp_path / "last", listeners=[steps(interrupt_at(1))])
     when = "after run 1" if runs else "before its first run"
     why = f"something else was done with the bench {when}"
@@ -190,6 +171,5 @@ def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
 
     whole = python(tmp_path / "whole", SCRIPT, -1, 0, 0).stdout.split()
     ended = python(tmp_path / "killed", SCRIPT, 1, 2, int(signal.SIGKILL))
-    assert ended.returncode == -signal.SIGKILL
-    assert ended.stdout.split() == whole[:1]
+    assert (ended.returncode, ended.stdout.split()) == (-signal.SIGKILL, whole[:1])
     assert python(tmp_path / "killed", RESUME, "run1").stdout.split() == [whole[1]]

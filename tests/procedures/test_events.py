@@ -13,7 +13,8 @@ import pytest
 
 import palpate
 from palpate.testing import InStep, steps
-from tests.procedures.conftest import Palpate
+from tests.procedures.conftest import HEADER, Palpate, interrupt_at
+from tests.runs import flip, made
 
 SWEEP = palpate.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0), dwell=0.2)
 LIVE = ("step", "promise")  # what a record does not hold
@@ -24,40 +25,29 @@ def swept(out: Path, *listeners: Any) -> palpate.Run:
         return palpate.run(SWEEP, bench, out=out, listeners=listeners).run
 
 
-def test_a_listener_and_a_watcher_hear_the_same_and_it_is_what_the_record_holds(tmp_path: Path) -> None:
+def test_a_listener_and_a_watcher_hear_the_same_and_it_is_what_the_record_holds_on_disk_already(
+    tmp_path: Path,
+) -> None:
     heard: list[palpate.Event] = []
-    run = swept(tmp_path / "run", heard.append)
-    assert list(palpate.watch(run.folder)) == [event for event in heard if event.kind not in LIVE]
-    points = [event for event in heard if event.kind == "point"]
-    stored = [{name: value for name, value in p.items() if name not in ("id", "bench_ns")} for p in run.points()]
-    assert [event.data["values"] for event in points] == stored
-    assert [event.bench_ns for event in points] == [point["bench_ns"] for point in run.points()]
-    kinds = [event.kind for event in heard]
-    assert (kinds[:2], kinds[-1]) == (["begun", "planned"], "ended")
-    assert heard[1].data["points"] == 4
-    assert heard[-1].data["summary"] == run.summary
-
-
-def test_each_point_is_on_disk_before_anybody_hears_of_it(tmp_path: Path) -> None:
     on_disk: list[tuple[int, int]] = []
 
     def look(event: palpate.Event) -> None:
         if event.kind == "point":
             on_disk.append((event.data["id"], len(palpate.read(tmp_path / "run").points())))
 
-    swept(tmp_path / "run", InStep(look))
+    run = swept(tmp_path / "run", heard.append, InStep(look))
     assert on_disk == [(number, number) for number in (1, 2, 3, 4)]
-
-
-def test_what_is_left_falls_to_what_comes_after_the_points_and_u_follows_the_points(tmp_path: Path) -> None:
-    heard: list[palpate.Event] = []
-    run = swept(tmp_path / "run", heard.append)
-    left = [event.data["seconds"] for event in heard if event.kind == "promise"]
-    (planned,) = (event.data for event in heard if event.kind == "planned")
+    assert list(palpate.watch(run.folder)) == [event for event in heard if event.kind not in LIVE]
+    points = [{"bench_ns": e.bench_ns, "id": e.data["id"], **e.data["values"]} for e in heard if e.kind == "point"]
+    assert points == run.points()
+    kinds = [event.kind for event in heard]
+    assert (kinds[:2], kinds[-1]) == (["begun", "planned"], "ended")
+    assert (heard[1].data["points"], heard[-1].data["summary"]) == (4, run.summary)
+    promises = [event.data for event in heard if event.kind == "promise"]
+    left = [promise["seconds"] for promise in promises]  # it falls to what comes after the points
     assert left == sorted(left, reverse=True)
-    assert left[0] == planned["seconds"] == run.summary["predicted_seconds"]
-    assert left[-1] == pytest.approx(0, abs=1e-9)
-    assert [event.data["u"] for event in heard if event.kind == "promise"][-1] == run.summary["achieved_u"]
+    assert left[0] == heard[1].data["seconds"] == run.summary["predicted_seconds"]
+    assert (left[-1], promises[-1]["u"]) == (pytest.approx(0, abs=1e-9), run.summary["achieved_u"])
 
 
 @pytest.mark.slow
@@ -76,8 +66,7 @@ def test_listeners_that_fail_or_hang_are_dropped_and_the_run_is_the_same(
     alone = swept(tmp_path / "alone")
     among = swept(tmp_path / "among", hanging, failing, lambda event: heard.append(event.kind))
     never.set()
-    assert among.digest() == alone.digest()
-    assert among.summary == alone.summary
+    assert (among.digest(), among.summary) == (alone.digest(), alone.summary)
     assert (heard.count("point"), heard[-1]) == (4, "ended")
     told = capsys.readouterr().err.splitlines()
     assert [line.split(" hears no more of this run: ")[1] for line in told] == [
@@ -108,7 +97,7 @@ with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
         assert other.stdout.readline() == "killed\n"
         watched = palpate.watch(tmp_path / "run")
         heard = [next(watched)]
-        while heard[-1].kind != "point" or heard[-1].data["id"] < 3:
+        while heard[-1].data.get("id") != 3:
             heard.append(next(watched))
         other.stdin.write("\n")
         other.stdin.flush()
@@ -125,12 +114,8 @@ with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
 
 
 def test_a_watcher_that_comes_while_a_stopped_run_is_resumed_hears_it_to_its_new_end(tmp_path: Path) -> None:
-    def stop(done: int, _total: int, _what: str) -> None:
-        if done == 3:
-            raise KeyboardInterrupt
-
     with palpate.open_bench(scene="noisy_lab", seed=4) as bench, pytest.raises(KeyboardInterrupt):
-        palpate.run(SWEEP, bench, out=tmp_path / "run", listeners=[steps(stop)])
+        palpate.run(SWEEP, bench, out=tmp_path / "run", listeners=[steps(interrupt_at(3))])
     assert list(palpate.watch(tmp_path / "run"))[-1].data["status"] == "stopped"
     heard: list[palpate.Event] = []
     watcher = threading.Thread(target=lambda: heard.extend(palpate.watch(tmp_path / "run")))
@@ -143,30 +128,25 @@ def test_a_watcher_that_comes_while_a_stopped_run_is_resumed_hears_it_to_its_new
 
     palpate.resume(tmp_path / "run", listeners=[InStep(look)])
     watcher.join()
-    ends = [event.data["status"] for event in heard if event.kind == "ended"]
-    assert ends == ["complete"]
+    assert [event.data["status"] for event in heard if event.kind == "ended"] == ["complete"]
     assert [event.data["id"] for event in heard if event.kind == "point"] == [1, 2, 3, 4]
 
 
 def test_nothing_is_told_of_a_run_that_is_none_and_a_damaged_one_is_named(tmp_path: Path) -> None:
     with pytest.raises(palpate.UnknownName, match="nothing"):
         palpate.watch(tmp_path / "nothing")
-    run = swept(tmp_path / "run")
-    record = run.folder / "run.record"
-    content = bytearray(record.read_bytes())
-    content[len(content) // 2] ^= 1
-    record.write_bytes(content)
+    made(tmp_path / "run", HEADER, (({"x": float(n)}, {}) for n in range(9)))
+    flip(tmp_path / "run" / "run.record")
     with pytest.raises(palpate.RecordError, match=r"run\.record is damaged"):
-        list(palpate.watch(run.folder))
+        list(palpate.watch(tmp_path / "run"))
 
 
 def test_a_command_writes_each_event_as_a_line_of_json(palpate: Palpate) -> None:
     said = palpate("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--progress", "json", "--json")
-    assert said.status == 0, said.err
     events = [json.loads(line) for line in said.err.splitlines()]
     assert [each["event"] for each in events if each["event"] not in LIVE] == [
         "begun", "planned", "point", "point", "ended",
     ]  # fmt: skip
-    assert events[0]["run"] == json.loads(said.out)["run"]
+    assert events[0]["run"] == said.object["run"]
     said = palpate("sweep", "loads", "--progress", "yaml")
     assert (said.status, "'yaml' is not one of 'bar', 'json'" in said.err) == (2, True)

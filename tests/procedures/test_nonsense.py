@@ -145,21 +145,15 @@ def test_what_no_record_can_hold_is_named_and_the_run_has_failed(tmp_path: Path,
 
 
 @pytest.mark.parametrize(
-    ("waveform", "message"),
-    [
-        (np.ones(3) * 1j, "are complex128"),
-        (["x"], "are <U1"),
-        (np.array([{}]), "are object"),
-    ],
+    ("waveform", "message"), [(np.ones(3) * 1j, "are complex128"), (["x"], "are <U1"), (np.array([{}]), "are object")]
 )
-def test_samples_that_are_no_real_numbers_are_refused(tmp_path: Path, waveform: Any, message: str) -> None:
-    with Recorder.create(tmp_path, HEADER) as record, pytest.raises(RangeError, match=f"waveform 'a': .* {message}"):
-        record.point({}, {"a": (1.0, waveform)}, 1)
-
-
-def test_a_list_of_numbers_is_a_waveform(tmp_path: Path) -> None:
+def test_samples_that_are_no_real_numbers_are_refused_and_a_list_of_numbers_is_a_waveform(
+    tmp_path: Path, waveform: Any, message: str
+) -> None:
     with Recorder.create(tmp_path, HEADER) as record:
         record.point({}, {"a": (1.0, [1, 2.5])}, 1)  # type: ignore[dict-item]
+        with pytest.raises(RangeError, match=f"waveform 'a': .* {message}"):
+            record.point({}, {"a": (1.0, waveform)}, 1)
     assert [each.samples.tolist() for each in palpate.read(tmp_path).waveforms()] == [[1.0, 2.5]]
 
 

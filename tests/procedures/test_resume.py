@@ -8,6 +8,7 @@ from collections.abc import Callable
 from contextlib import nullcontext
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
 from unittest.mock import Mock
@@ -109,7 +110,7 @@ def test_every_procedure_is_found_by_the_name_in_its_header_and_has_its_settings
 
 def once() -> Mock:
     """Asks for a pause before the second point."""
-    return Mock(asked=Mock(side_effect=[False, True, *[False] * 9]))
+    return Mock(asked=Mock(side_effect=chain([False, True], repeat(False))))
 
 
 @pytest.mark.slow

@@ -13,7 +13,6 @@ import pytest
 
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.run import Run
-from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Benches, Palpate, outputs
 from tests.shares import first_of
 
@@ -40,8 +39,7 @@ def at_second_load(action: Callable[[], object]) -> Progress:
 def ended_safe(benches: Benches, status: str) -> None:
     assert outputs(benches[0]) == OFF
     run = Run.open(Path("day"))
-    assert [p["load_N"] for p in run.points()][:1] == [2.0]
-    assert run.status == status
+    assert (run.status, [p["load_N"] for p in run.points()][:1]) == (status, [2.0])
 
 
 def test_a_terminal_that_is_closed_while_the_shaker_is_driven_switches_it_off(
@@ -106,32 +104,29 @@ def test_a_plot_that_crashes_is_one_error_when_outputs_are_off_and_the_run_is_co
 
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", savefig)
     said = palpate(*SMALL)
-    assert said.status == 1
     assert said.complaint.startswith(message.format(Path("day").absolute()))
-    assert drawn == [OFF]
+    assert (said.status, drawn) == (1, [OFF])
     ended_safe(benches, "complete")
 
 
-def hot(sim: SimulatedBench) -> None:
-    sim.amplifier.read = _hot(sim.amplifier.read)  # type: ignore[method-assign]
-
-
-def _hot(read: Callable[[str], float]) -> Callable[[str], float]:
-    return lambda name: 85.5 if name == "temperature" else read(name)
-
-
-def loud(sim: SimulatedBench) -> None:
-    read = sim.amplifier.read
-    # 4 A rms, 5.7 A peak: a trip that the device has lost
-    sim.amplifier.read = lambda name: 4.0 if name == "output_current" else read(name)  # type: ignore[method-assign]
-
-
-@pytest.mark.parametrize(("doctor", "message"), first_of([(hot, "heat sink at 85.5 degC"), (loud, "5.66 A peak")]))
+@pytest.mark.parametrize(
+    ("wrong", "message"),
+    first_of(
+        [
+            ({"temperature": 85.5}, "heat sink at 85.5 degC"),
+            ({"output_current": 4.0}, "5.66 A peak"),  # 4 A rms: a trip that the device has lost
+        ]
+    ),
+)
 def test_an_amplifier_that_is_too_hot_or_passes_its_limit_without_a_trip_is_switched_off(
-    palpate: Palpate, benches: Benches, on_progress: Any, doctor: Callable[[SimulatedBench], None], message: str
-) -> None:
-    on_progress(at_second_load(lambda: doctor(benches[0])))
+    palpate: Palpate, benches: Benches, on_progress: Any, monkeypatch: pytest.MonkeyPatch, wrong: dict[str, float],
+    message: str,
+) -> None:  # fmt: skip
+    def doctor() -> None:
+        read = benches[0].amplifier.read
+        monkeypatch.setattr(benches[0].amplifier, "read", lambda name: wrong[name] if name in wrong else read(name))
+
+    on_progress(at_second_load(doctor))
     said = palpate(*SMALL)
-    assert said.status == 1
-    assert message in said.complaint
+    assert (said.status, message in said.complaint) == (1, True)
     ended_safe(benches, "failed")

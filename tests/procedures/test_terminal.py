@@ -7,9 +7,10 @@ import os
 import resource
 import unicodedata
 from pathlib import Path
-from typing import Any
+from unittest.mock import Mock
 
 import pytest
+from rich.text import Text
 
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter
@@ -79,53 +80,39 @@ def test_what_a_bus_log_says_of_its_devices_reaches_the_terminal_as_pictures(pal
         log.write(Packet(1, EVIL, Link.LINE, False, bytes.fromhex("01 03 02 00 01 79 84")))
         log.end()
     said = palpate("bus", "show", "log.pcapng")
-    assert said.status == 0
-    assert SHOWN in said.out
-    assert harmless(said.out)
+    assert (said.status, SHOWN in said.out, harmless(said.out)) == (0, True, True)
 
 
 def test_colours_of_our_own_are_kept(capsys: pytest.CaptureFixture[str]) -> None:
-    from rich.text import Text
-
     console(force_terminal=True, color_system="standard").print(Text(EVIL, "bold red"))
-    out = capsys.readouterr().out
-    assert out.startswith("\x1b[1;31m")
-    assert "evil␛[31m" in out
+    assert capsys.readouterr().out.startswith("\x1b[1;31mevil␛[31m")
 
 
 # --- files that are none, and too few of them ------------------------------------------------------------
 
 
 @pytest.mark.parametrize("command", ["show", "replay"])
-@pytest.mark.parametrize(
-    "name", ["/", ".", "..", "/dev/null", "folder.pcapng", "folder.blf", "pipe.pcapng", "pipe.asc"]
-)
+@pytest.mark.parametrize("name", ["/", ".", "/dev/null", "folder.blf", "pipe.pcapng", "pipe.asc"])
 def test_what_is_no_bus_log_is_one_message(palpate: Palpate, command: str, name: str) -> None:
-    for folder in ("folder.pcapng", "folder.blf"):
-        Path(folder).mkdir()
+    Path("folder.blf").mkdir()
     for pipe in ("pipe.pcapng", "pipe.asc"):
         os.mkfifo(pipe)
-    said = palpate("bus", command, name)
-    assert said.status == 2
-    assert f"{name}: is no file, so no bus log" in said.complaint or f"{name}: no bus log" in said.complaint
+    said = palpate("bus", command, name).refusal
+    assert f"{name}: is no file, so no bus log" in said or f"{name}: no bus log" in said
 
 
 def test_too_few_open_files_are_refused_before_anything_is_begun(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(resource, "getrlimit", lambda _what: (12, 4096))
-    said = palpate(*SMALL)
-    assert said.status == 1
-    assert said.complaint == "only 12 files may be open at once, but a bench can need 128; run ulimit -n 128 first"
+    told = "only 12 files may be open at once, but a bench can need 128; run ulimit -n 128 first"
+    assert palpate(*SMALL).complaint == told
     assert not Path("runs").exists()
 
 
 def test_a_link_that_fails_for_want_of_files_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: Any, **__: Any) -> int:
-        raise OSError(errno.EMFILE, os.strerror(errno.EMFILE))
-
     link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=9))
     monkeypatch.setattr(link.client, "connect", lambda: False)
-    monkeypatch.setattr(os, "open", full)
+    monkeypatch.setattr(os, "open", Mock(side_effect=OSError(errno.EMFILE, os.strerror(errno.EMFILE))))
     with pytest.raises(LinkError, match=r"cannot be opened: Too many open files in this program; .* ulimit -n"):
         link.open()
