@@ -1,20 +1,26 @@
-"""What is damaged in a run is found, and what is left of it is salvaged; both leave it as it is."""
+"""What is damaged, cut off, torn or never written is told, and what is left is salvaged; both leave a run as it is."""
 
 from __future__ import annotations
 
 import os
+import shutil
+from collections import Counter
 from collections.abc import Callable
 from pathlib import Path
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
 from palpate.instrument.errors import RecordError, UsageError
 from palpate.procedures.records import chain
-from palpate.procedures.records.chain import FRAME, HEAD_FILE, RECORD, ChainFile, RecordFrame
+from palpate.procedures.records.chain import FRAME, HEAD_FILE, MOST_HOLES, RECORD, ChainFile, RecordFrame, check_holes
 from palpate.procedures.records.damage import check, repair
 from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
+from palpate.procedures.records.run import Run, list_runs
+from palpate.procedures.study.results import read_results
+from tests.benchmarks.disk import cuts, failing
+from tests.damages import BAD, VICTIMS, damages
 from tests.procedures.conftest import HEADER, Palpate
 from tests.runs import flip
 
@@ -177,3 +183,114 @@ def test_the_commands_say_it_in_tables_and_json(palpate: Palpate, run: Path) -> 
     done = palpate("runs", "repair", "run", "--out", "mended", "--json").object
     assert (done["points"], done["waveforms"], len(done["gone"])) == (5, 9, 1)
     assert palpate("runs", "check", "mended", "--json").object["damaged"] is False
+
+
+# --- files that are longer than what was ever written --------------------------------------------------
+
+
+SPARSE = 200_000_000_000  # bytes
+
+
+@pytest.fixture
+def short(tmp_path: Path) -> Path:
+    with Recorder.create(tmp_path / "run", HEADER) as record:
+        record.point({"load_N": 2.0}, {}, 5)
+        record.finish("complete", {"samples": []})
+    return tmp_path / "run"
+
+
+def test_a_sparse_file_of_a_run_is_refused_with_its_size_and_what_to_do(short: Path, tmp_path: Path) -> None:
+    whole = (short / RECORD).stat().st_size
+    os.truncate(short / RECORD, SPARSE)
+    said = rf"{RECORD} is damaged \(it is {SPARSE} bytes long, and more than {MOST_HOLES} of them were never written"
+    for read in (Run.open, lambda short: repair(short, tmp_path / "mended")):
+        with pytest.raises(RecordError, match=said):
+            read(short)
+    (listed,) = list_runs(tmp_path)
+    assert listed.status == "damaged"
+    assert all("never written" in fault for fault in (check(short).faults[0], listed.fault))
+    os.truncate(short / RECORD, whole)
+    assert check(short).faults == []
+
+
+@pytest.mark.parametrize("command", ["show", "replay"])
+def test_so_is_a_bus_log_from_the_command_line(palpate: Palpate, command: str) -> None:
+    sparse(Path("trace.pcapng"))
+    said = palpate("bus", command, "trace.pcapng").complaint
+    assert said.startswith(f"trace.pcapng is damaged (it is {SPARSE} bytes long")
+
+
+def sparse(file: Path) -> None:
+    file.touch()
+    os.truncate(file, SPARSE)
+
+
+def test_so_is_a_study(tmp_path: Path) -> None:
+    sparse(tmp_path / "study.record")
+    with pytest.raises(RecordError, match="never written"):
+        read_results(tmp_path)
+
+
+def test_too_little_memory_is_one_message(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("palpate.procedures.logs.read_log", Mock(side_effect=MemoryError))
+    Path("trace.pcapng").touch()
+    said = palpate("bus", "show", "trace.pcapng").complaint
+    assert said.startswith("this computer has too little memory")
+
+
+def test_holes_between_data_count_together_and_what_was_written_counts_for_none(tmp_path: Path) -> None:
+    with (tmp_path / "file").open("wb") as file:
+        for part in range(4):
+            file.seek(part * MOST_HOLES // 2 + part * 4096)
+            file.write(bytes(4096))
+    with pytest.raises(RecordError):
+        check_holes(tmp_path / "file")
+    os.truncate(tmp_path / "file", MOST_HOLES // 2 + 4096)
+    check_holes(tmp_path / "file")
+    shutil.rmtree(tmp_path)
+    check_holes(tmp_path / "file")
+
+
+# --- a share of the campaign of damages ----------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    "share", [range(60), pytest.param(range(60, 1000), marks=pytest.mark.slow)], ids=["few", "many"]
+)
+def test_no_damage_is_silent_and_every_whole_point_is_returned(tmp_path: Path, share: range) -> None:
+    found, bad = Counter[str](), []
+    with damages(tmp_path) as damage:
+        for number in share:
+            victim, came = damage(number)
+            found[victim] += 1
+            bad += [(number, victim, came)] * any(what in BAD for what in came)
+    assert bad == []
+    assert found.keys() == VICTIMS.keys()
+
+
+# --- writes and syncs that fail, tear or are dropped ---------------------------------------------------
+
+
+@pytest.fixture
+def two_points(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Run:
+    monkeypatch.setattr(chain, "AHEAD", 2000)  # a million zeros take their time in each case
+    with Recorder.create(tmp_path / "run", HEADER) as record:
+        for n in (1, 2):
+            record.point({"load_N": 0.5 * n}, {"rigid": (250.0, np.sin(0.1 * n * np.arange(300)))}, n)
+        record.finish("complete", {"points": 2})
+    return Run.open(tmp_path / "run")
+
+
+def test_an_operation_that_fails_costs_no_acknowledged_point(two_points: Run, tmp_path: Path) -> None:
+    assert set(failing(two_points, tmp_path)) == {"kept"}
+
+
+def test_a_power_cut_costs_no_acknowledged_point(two_points: Run, tmp_path: Path) -> None:
+    assert set(cuts(two_points, tmp_path, 1, lying=False)) == {"kept"}
+
+
+@pytest.mark.slow
+def test_what_a_disk_that_drops_a_sync_loses_is_told(two_points: Run, tmp_path: Path) -> None:
+    found = cuts(two_points, tmp_path, 0, lying=True)
+    assert found["lost and told"]
+    assert not found["silent"]

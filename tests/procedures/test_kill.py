@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import random
 import signal
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ from palpate.procedures.records.run import Run
 from tests.kills import Commands
 from tests.procedures.conftest import OFF, Palpate
 from tests.ratios import amplitude_ratio
+from tests.served_kills import FAULTS, rounds
 
 pytestmark = pytest.mark.slow
 
@@ -97,3 +99,20 @@ def test_a_killed_run_that_goes_on_ends_as_one_that_was_not_killed_and_the_watch
         assert run.points()[: len(stored)] == stored
         assert (run.digest(), run.summary) == (Run.open(whole).digest(), Run.open(whole).summary)
     assert driven
+
+
+# --- on a served bench: a share of `tests.benchmarks served_kills` -------------------------------------
+
+
+@pytest.mark.slow
+def test_no_point_is_that_of_another_sample_or_lost_or_silently_missing(
+    tmp_path: Path, nothing_left_behind: None
+) -> None:
+    """Seeds whose blows are a kill, each other signal, a hand at the sample and another client's order."""
+    with rounds(tmp_path, "real_bench") as played:
+        found = Counter(played.play(11))
+    assert {what: found[what] for what in FAULTS if found[what]} == {}
+    assert found["killed"] > 0
+    assert found["interrupted"] > 0
+    assert found["resumed"] > 0
+    assert found["noticed"] > 0

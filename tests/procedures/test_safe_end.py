@@ -1,19 +1,34 @@
-"""However a command ends, its outputs are at zero: hung up, interrupted twice, or with a plot that crashes."""
+"""However a command ends, its outputs are at zero; and a sample that somebody exchanges ends a run."""
 
 from __future__ import annotations
 
 import errno
 import os
 import signal
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import pytest
 
+from palpate.drivers.bench import Bench
+from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.drivers.devices.sample_changer import ModbusSampleChanger
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import SampleError
+from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.terminal import Progress
+from palpate.procedures.engine.conduct import conduct
+from palpate.procedures.lab.lab import Lab
+from palpate.procedures.measurements.loads import LoadSweep
+from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
-from tests.procedures.conftest import OFF, Benches, Palpate, outputs
+from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.scenes.scene import Scene
+from palpate.testing import steps
+from tests.examples.relaxation import Relaxation
+from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 from tests.shares import first_of
 
 if TYPE_CHECKING:
@@ -130,3 +145,37 @@ def test_an_amplifier_that_is_too_hot_or_passes_its_limit_without_a_trip_is_swit
     said = palpate(*SMALL)
     assert (said.status, message in said.complaint) == (1, True)
     ended_safe(benches, "failed")
+
+
+# --- a sample that is exchanged: whoever wrote the procedure or the driver of the changer --------------
+
+
+@pytest.fixture
+def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
+    with SimulatedBench(scene, samples=[SAMPLES[name] for name in "12"]) as simulated:
+        yield simulated
+
+
+@pytest.mark.parametrize(
+    "procedure", [Relaxation(sample="2"), LoadSweep(("2",), (2.0, 3.0, 4.0), dwell=0.2)], ids=lambda each: each.name
+)
+def test_a_sample_that_is_exchanged_between_two_points_ends_the_run_before_the_next_is_stored(
+    procedure: Relaxation | LoadSweep,
+    bench: Bench,
+    sim: SimulatedBench,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    """A driver of another package need not look at the sample whenever settings are looked at, as ours does."""
+    monkeypatch.setattr(ModbusSampleChanger, "differences", ModbusDevice.differences)
+
+    def exchange(done: int, _total: int, what: str) -> None:
+        if done == 1:
+            sim.rig.mount(SAMPLES["1"])
+            sim.rig.mount(SAMPLES["2"])  # the right one lies there again, but it was away
+
+    lab = Lab(bench, get_design("single"), THESIS_LOAD_CELL)
+    recorder = Recorder.create(tmp_path / "run", HEADER, steps(exchange))
+    with recorder as record, pytest.raises(SampleError, match=r"exchanged . times"):
+        conduct(procedure, lab, record)
+    assert len(Run.open(tmp_path / "run").points()) == 1
