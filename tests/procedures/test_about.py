@@ -96,7 +96,8 @@ def test_a_resumed_run_keeps_what_it_said_although_the_lab_asks_for_more_now(sto
 def test_what_a_lab_does_not_want_is_refused_before_a_bench_is_opened(
     store: Path, palpate: Palpate, schema: str, given: tuple[str, ...], told: str
 ) -> None:
-    (store / "about.toml").write_text(schema, encoding="utf-8")
+    if schema:
+        (store / "about.toml").write_text(schema, encoding="utf-8")
     said = palpate(*COMMAND, *(part for each in given for part in ("--about", each)), "--out", "run")
     assert (said.status, told in said.err) == (2, True), said.err
     assert not Path("run").exists()

@@ -95,7 +95,7 @@ def test_the_point_is_kept_where_a_device_beside_it_is_silent_and_one_reading_se
     tmp_path: Path,
 ) -> None:
     """The oven falls silent between the two points."""
-    silent = '[[fault]]\nkind = "no_reply"\non = "oven"\nat = "84 s"\nlasts = "1000 s"'
+    silent = '[[fault]]\nkind = "no_reply"\non = "oven"\nat = "89 s"\nlasts = "1000 s"'
     each, once = (swept(tmp_path / name, ROOM, every, silent) for name, every in (("1", ""), ("2", 'every = "1000 s"')))
     assert [[point["beside_room_degC"] for point in done.run.points()] for done in (each, once)] == [
         [20.0, None], [20.0, 20.0],
