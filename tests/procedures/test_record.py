@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from palpate.instrument.errors import RangeError, RecordError, UsageError
-from palpate.procedures.records.chain import AHEAD, HASH, LARGEST_ROW
+from palpate.procedures.records.chain import HASH, LARGEST_ROW
 from palpate.procedures.records.record import Recorder, new_run_folder
 from palpate.procedures.records.record_file import IN_A_FRAME
 from palpate.procedures.records.run import Run
@@ -62,17 +62,6 @@ def test_equal_measurements_give_equal_bytes_and_another_seed_does_not(tmp_path:
         files = [(run.folder / name).read_bytes() for run in (one, two, other)]
         assert files[0] == files[1] != files[2]
     assert one.digest() == two.digest() != other.digest()
-
-
-def test_a_long_run_grows_by_a_million_bytes_at_a_time_and_loses_nothing(tmp_path: Path) -> None:
-    sizes = set()
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        for index in range(100):
-            recorder.point({"n": index}, {"film": waveform(index, 10_000)}, index)
-            sizes.add((tmp_path / "run.record").stat().st_size)
-    assert 4 <= len(sizes) <= 6
-    assert min(sizes) > AHEAD
-    assert len({tuple(w.samples) for w in Run.open(tmp_path).waveforms()}) == 100
 
 
 def test_a_long_waveform_lies_in_several_frames_and_keeps_samples_that_are_not_finite(tmp_path: Path) -> None:

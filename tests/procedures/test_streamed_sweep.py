@@ -8,45 +8,20 @@ from typing import Any
 import pytest
 
 import palpate
-from palpate.drivers.bench import Bench
 from palpate.instrument.errors import SafetyError
 from palpate.procedures.measurements.loads import SweepResult
-from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
-from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep
 
-SMALL: dict[str, Any] = {"samples": ("1",), "loads": (2.0,), "dwell": 0.5, "calibration": IDEAL_CALIBRATION}
+pytestmark = [pytest.mark.slow, pytest.mark.usefixtures("own_store")]
 DRIVE: dict[str, dict[str, Any]] = {"drive": {"kind": "maxon-epos4", "full_scale": 0.5}}
 
 
 @pytest.fixture(scope="module")
-def ideal(tmp_path_factory: pytest.TempPathFactory) -> Scene:
-    return scene_of(IDEAL_SCENE, tmp_path_factory.mktemp("ideal"))
-
-
-@pytest.fixture(scope="module")
-def usual(ideal: Scene, tmp_path_factory: pytest.TempPathFactory) -> float:
+def usual(tmp_path_factory: pytest.TempPathFactory) -> float:
     """The force ratio that generator and amplifier find."""
-    (point,) = swept(ideal, tmp_path_factory.mktemp("usual") / "run", **SMALL).points
+    (point,) = recorded(tmp_path_factory.mktemp("usual"), {}).points
+    assert point.valid
     return point.force_ratio
-
-
-def swept(scene: Scene, folder: Path, **settings: Any) -> SweepResult:
-    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        found = sweep(bench, folder, **settings)
-    assert not sim.rig.coil_voltage().amplitude.any()
-    return found
-
-
-@pytest.mark.slow  # with the devices of others beside it, test_real_bench.py does the same
-def test_a_drive_that_follows_set_points_finds_the_ratio_that_generator_and_amplifier_find(
-    ideal: Scene, usual: float, tmp_path: Path
-) -> None:
-    (found,) = swept(ideal.with_devices(DRIVE), tmp_path / "drive", **SMALL).points
-    assert found.valid
-    assert found.load_N == pytest.approx(2.0, rel=0.02)
-    assert found.force_ratio == pytest.approx(usual, rel=1e-3)
 
 
 # of the ratio, relative: 16 bits round a recording that is repeated, which moves it by 0.1 % with our own devices, too
@@ -72,33 +47,24 @@ def striking(kind: str, place: str, at: float) -> str:
     return f'\n[[fault]]\nkind = "{kind}"\non = "{place}"\nat = "{at} s"\n'
 
 
-@pytest.fixture
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
-    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
-    return tmp_path
-
-
-@pytest.mark.slow
 @pytest.mark.parametrize(("place", "kind", "at"), FAULTS)
 def test_a_sweep_outlives_the_faults_of_its_bus_with_the_same_ratio(
-    place: str, kind: str, at: float, usual: float, store: Path
+    place: str, kind: str, at: float, usual: float, tmp_path: Path
 ) -> None:
-    points = recorded(store, DRIVE, striking(kind, place, at)).points
+    points = recorded(tmp_path, DRIVE, striking(kind, place, at)).points
     assert [point.force_ratio for point in points if point.valid] == [pytest.approx(usual, rel=ROUNDING)]
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(
     ("kind", "message"),
     [("over_current", "has the fault 0x2310"), ("node_reboot", "its output was switched off")],
 )
-def test_a_drive_that_has_switched_itself_off_ends_the_run_by_name(kind: str, message: str, store: Path) -> None:
+def test_a_drive_that_has_switched_itself_off_ends_the_run_by_name(kind: str, message: str, tmp_path: Path) -> None:
     with pytest.raises(SafetyError, match=message):
-        recorded(store, DRIVE, striking(kind, "drive", 89.0))
+        recorded(tmp_path, DRIVE, striking(kind, "drive", 89.0))
 
 
-@pytest.mark.slow
-def test_a_log_of_a_drive_can_be_replayed(store: Path) -> None:
-    log = store / "log.pcapng"
-    recorded(store, DRIVE, log=log)
-    assert palpate.replay(log, store / "again").run.digest() == palpate.read(store / "run").digest()
+def test_a_log_of_a_drive_can_be_replayed(tmp_path: Path) -> None:
+    log = tmp_path / "log.pcapng"
+    recorded(tmp_path, DRIVE, log=log)
+    assert palpate.replay(log, tmp_path / "again").run.digest() == palpate.read(tmp_path / "run").digest()
