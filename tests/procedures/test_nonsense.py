@@ -52,39 +52,33 @@ class Other:
     x: float
 
 
-class Nonsense(Procedure[Any, Any, Any]):
-    """Each of its methods returns what it is given."""
+class Usual(Procedure[Any, Any, Any]):
+    """A procedure of one step."""
 
     name, point = "nonsense", Point
 
-    def __init__(self, **returned: Any) -> None:
-        object.__setattr__(self, "returned", returned)
-
     def plan(self, target: Target) -> Any:
-        return self._get("plan", Plan("nonsense", [Step(None, 1.0, None)]))
+        return Plan("nonsense", [Step(None, 1.0, None)])
 
     def begin(self, plan: Any, lab: Lab, record: Recorder) -> Any:
-        return self._get("begin", self)
+        return self
 
     def arrange(self, step: Step) -> None: ...
 
     def take(self, step: Step) -> Any:
-        return self._get("take", Measurement(Point(1.0)))
+        return Measurement(Point(1.0))
 
     def end(self) -> None: ...
 
-    def course(self, plan: Any, points: Any, lab: Lab) -> Any:
-        return self._get("course", super().course(plan, points, lab))
-
-    def model_question(self, design: Any) -> Any:
-        return self._get("model_question", None)
-
     def evaluate(self, points: Any, plan: Any, lab: Lab) -> Any:
-        return self._get("evaluate", SimpleResult(points))
+        return SimpleResult(points)
 
-    def _get(self, name: str, usual: object) -> Any:
-        returned: dict[str, object] = vars(self)["returned"]
-        return returned.get(name, usual)
+
+def nonsense(**returned: Any) -> Usual:
+    """One of which some methods return something else."""
+    methods = {name: Mock(return_value=value) for name, value in returned.items()}
+    found: Usual = type("Nonsense", (Usual,), methods)()
+    return found
 
 
 @pytest.fixture(scope="module")
@@ -122,14 +116,14 @@ def test_what_a_procedure_must_not_return_is_named(
     lab: Lab, tmp_path: Path, returned: dict[str, object], message: str
 ) -> None:
     with Recorder.create(tmp_path, HEADER) as record, pytest.raises(ConfigError, match=message):
-        conduct(Nonsense(**returned), lab, record)
+        conduct(nonsense(**returned), lab, record)
     assert record.points == (1 if "evaluate" in returned else 0)
 
 
 def test_what_a_procedure_asks_a_model_is_a_question(lab: Lab) -> None:
-    assert asked(Nonsense(), lab.design) is None
+    assert asked(nonsense(), lab.design) is None
     with pytest.raises(ConfigError, match="model_question returned 'surface'; it must return a Question or None"):
-        asked(Nonsense(model_question="surface"), lab.design)
+        asked(nonsense(model_question="surface"), lab.design)
 
 
 @pytest.mark.parametrize("name", ["simulated", "run", "seed", "mounting", "points", "plot", "bench_seconds"])
@@ -140,7 +134,7 @@ def test_a_finding_cannot_stand_in_for_what_palpate_says_of_the_run(lab: Lab, tm
         Recorder.create(tmp_path, HEADER) as record,
         pytest.raises(ConfigError, match=f"'nonsense': its result has a value '{name}', which palpate gives"),
     ):
-        conduct(Nonsense(evaluate=found), lab, record)
+        conduct(nonsense(evaluate=found), lab, record)
 
 
 @pytest.mark.parametrize(

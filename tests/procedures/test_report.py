@@ -9,7 +9,7 @@ from datetime import UTC, datetime
 from io import BytesIO, StringIO, TextIOWrapper
 from itertools import count, pairwise
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import Annotated, Any
 from xml.etree import ElementTree
 
 import pytest
@@ -36,9 +36,6 @@ from palpate.procedures.showing.runs import print_run, print_runs
 from palpate.procedures.showing.text import STAMP, new_table, print_all, stamped, where
 from tests.procedures.conftest import HEADER, Palpate
 from tests.shares import first_of
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 DESIGN = get_design("single")
 MARKUP = "a[bold]b[/red] :bug: [/]"  # as a part of the name of a folder
@@ -116,16 +113,18 @@ def test_a_sweep_without_a_valid_point_can_be_plotted_and_printed(
 
 def test_the_plot_of_a_calibration_shows_the_deviation_from_the_line(figures: list[Figure], tmp_path: Path) -> None:
     plot_load_cell(CALIBRATION, True, tmp_path)
-    left, right = figures[0].axes
     readings, deviations = (
-        next(each for each in axes.containers if each.get_label() == "loading") for axes in (left, right)
+        next(each for each in axes.containers if each.get_label() == "loading") for axes in figures[0].axes
     )
-    for load, reading, deviation in zip(*readings[0].get_data(), deviations[0].get_ydata(), strict=True):
-        assert deviation == pytest.approx(reading - THESIS_LOAD_CELL.reading(load))
+    loads, values = readings[0].get_data()
+    lines = [THESIS_LOAD_CELL.reading(load) for load in loads]
+    assert list(deviations[0].get_ydata()) == pytest.approx(
+        [value - line for value, line in zip(values, lines, strict=True)]
+    )
     shown = len(next(each.readings_mV for each in CALIBRATION.points if each.direction == "loading"))
     for bars in (readings[2], deviations[2]):
-        for (_, low), (_, high) in bars[0].get_segments():
-            assert high - low == pytest.approx(2 * THESIS_LOAD_CELL.reading_u(shown))
+        heights = [high - low for (_, low), (_, high) in bars[0].get_segments()]
+        assert heights == pytest.approx([2 * THESIS_LOAD_CELL.reading_u(shown)] * len(heights))
 
 
 def test_a_plot_that_is_slow_to_place_its_legend_gives_no_warning(

@@ -9,7 +9,6 @@ import signal
 import subprocess
 import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
 from itertools import chain, repeat
@@ -116,22 +115,6 @@ def test_every_procedure_is_found_by_the_name_in_its_header_and_has_its_settings
     ):
         stored = run_of(json.loads(as_json({"settings": asdict(settings)})))
         assert settings_of(stored, type(settings)) == settings
-
-
-def once() -> Mock:
-    """Asks for a pause before the second point."""
-    return Mock(asked=Mock(side_effect=chain([False, True], repeat(False))))
-
-
-@pytest.mark.slow
-def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as pressed:
-        pressed.setattr(operator, "keyboard", lambda: nullcontext(once()))
-        assert palpate(*SWEEP, "--out", "whole").status == 0
-        stopped(palpate, stop, 2, *SWEEP)
-    assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    assert Run.open(Path("cut")).digest() == Run.open(Path("whole")).digest()
-    assert events("cut") == ["paused", "resumed", "stopped", "continued"]
 
 
 # --- what has changed -----------------------------------------------------------------------------------
