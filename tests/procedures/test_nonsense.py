@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import json
 import math
-import signal
 import threading
 from collections.abc import Callable, Generator, Iterator
 from dataclasses import dataclass
@@ -273,15 +272,6 @@ def test_a_clock_that_failed_says_so_to_whoever_waits() -> None:
     with pytest.raises(BenchError, match="cannot be simulated: ZeroDivisionError: float division by zero"):
         clock.wait(1.0)
     assert clock.now_ns() == 0
-
-
-def test_ctrl_c_also_ends_what_the_simulation_computes(monkeypatch: pytest.MonkeyPatch) -> None:
-    given_up = Mock()
-    monkeypatch.setattr(VirtualClock, "give_up_soon", given_up)
-    with pytest.raises(KeyboardInterrupt), package.open_bench(scene="ideal"):
-        assert not given_up.called
-        signal.raise_signal(signal.SIGINT)
-    assert given_up.call_count == 1
 
 
 def test_a_motion_is_followed_no_further_than_somebody_wants(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:

@@ -223,9 +223,6 @@ def test_no_file_stays_open_when_a_run_has_ended_or_could_not_begin_and_opened_a
     assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
-# --- points and events ---------------------------------------------------------------------------------
-
-
 # --- the end -------------------------------------------------------------------------------------------
 
 

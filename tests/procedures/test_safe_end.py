@@ -10,10 +10,12 @@ from collections import Counter
 from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
 
+import palpate as package
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sample_changer import ModbusSampleChanger
@@ -30,6 +32,7 @@ from palpate.procedures.records.chain import RECORD
 from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
 from palpate.testing import steps
 from tests.examples.relaxation import Relaxation
@@ -150,6 +153,15 @@ def test_an_amplifier_that_is_too_hot_or_passes_its_limit_without_a_trip_is_swit
     said = palpate(*SMALL)
     assert (said.status, message in said.complaint) == (1, True)
     ended_safe(benches, "failed")
+
+
+def test_ctrl_c_also_ends_what_the_simulation_computes(monkeypatch: pytest.MonkeyPatch) -> None:
+    given_up = Mock()
+    monkeypatch.setattr(VirtualClock, "give_up_soon", given_up)
+    with pytest.raises(KeyboardInterrupt), package.open_bench(scene="ideal"):
+        assert not given_up.called
+        signal.raise_signal(signal.SIGINT)
+    assert given_up.call_count == 1
 
 
 # --- a sample that is exchanged: whoever wrote the procedure or the driver of the changer --------------
