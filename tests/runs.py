@@ -70,3 +70,10 @@ def made(
 def _put(folder: Path, parts: Iterable[bytes], head: Head) -> None:
     (folder / RECORD).write_bytes(b"".join(parts))
     (folder / HEAD_FILE).write_bytes(head.packed() + head.again().packed())
+
+
+def flip(file: Path, text: bytes = b"", beside: int = 0) -> None:
+    """Flips a bit of a file: in its middle, or so many bytes from where a text in it begins."""
+    content = bytearray(file.read_bytes())
+    content[content.index(text) + beside if text else len(content) // 2] ^= 1
+    file.write_bytes(content)

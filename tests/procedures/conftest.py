@@ -100,6 +100,12 @@ class Spoken:
         assert self.err.startswith("palpate: error: ")
         return self.err.removeprefix("palpate: error: ").rstrip("\n")
 
+    @property
+    def refusal(self) -> str:
+        """The one message of a command that was refused for what it was given."""
+        assert self.status == 2, self.err
+        return self.complaint
+
 
 Palpate = Callable[..., Spoken]
 
@@ -282,15 +288,21 @@ def own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "store"))
 
 
+def interrupt_at(points: int) -> Progress:
+    """A progress that ends its run by Ctrl-C when it reports so many points."""
+
+    def stop(done: int, _total: int, _what: str) -> None:
+        if done == points:
+            raise KeyboardInterrupt
+
+    return stop
+
+
 def resumes_to_the_same(asked: package.Procedure[Any, Any, Any], scene: str, after: int, folder: Path) -> bool:
     """Whether a run that is cut after so many points resumes to the digest of one that is not cut."""
-
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == after:
-            raise KeyboardInterrupt
 
     with package.open_bench(scene=scene) as bench:
         whole = package.run(asked, bench, out=folder / "whole")
     with pytest.raises(KeyboardInterrupt), package.open_bench(scene=scene) as bench:
-        package.run(asked, bench, out=folder / "cut", listeners=[steps(stop)])
+        package.run(asked, bench, out=folder / "cut", listeners=[steps(interrupt_at(after))])
     return package.resume(folder / "cut").run.digest() == whole.run.digest()

@@ -10,7 +10,8 @@ import shutil
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, nullcontext
 from pathlib import Path
-from typing import Any, NoReturn
+from typing import Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -41,10 +42,7 @@ def full() -> Iterator[None]:
 
 def failing(call: str, code: int) -> Break:
     """A call of the system fails from now on."""
-
-    def refuse(*_: object) -> NoReturn:
-        raise OSError(code, os.strerror(code))
-
+    refuse = Mock(side_effect=OSError(code, os.strerror(code)))
     return lambda _record, patch: patch.setattr(os, call, refuse)
 
 
@@ -105,10 +103,8 @@ def test_where_the_system_takes_nothing_more_what_was_stored_stays_and_the_run_c
         record.point({"load_N": 2.0}, {"rigid": (250.0, np.ones(50))}, 1)
         with full(), pytest.raises(RecordError, match=r"raise the limit on file sizes \(ulimit -f\)"):
             WRITES[write](record)
-    run = Run.open(tmp_path)
-    assert [point["load_N"] for point in run.points()] == [2.0]
-    assert run.status == ("running" if write == "finish" else "stopped")
-    assert check(tmp_path).faults == []
+    run, status = Run.open(tmp_path), "running" if write == "finish" else "stopped"
+    assert ([point["load_N"] for point in run.points()], run.status, check(tmp_path).faults) == ([2.0], status, [])
 
 
 def test_a_point_that_failed_for_want_of_space_is_stored_when_there_is_some(
@@ -151,11 +147,9 @@ def test_a_disk_that_is_full_in_the_middle_stops_the_sweep_with_outputs_off(
     monkeypatch.setattr(Recorder, write, refused)
     on_progress(report)
     said = palpate(*SWEEP, "--json")
-    assert said.status == 1
+    assert (said.status, max(reported), outputs(benches[0])) == (1, stored, OFF)
     assert "cannot write" in said.complaint
     assert f"points already taken are kept in {Path('day').absolute()}" in said.complaint
-    assert max(reported) == stored
-    assert outputs(benches[0]) == OFF
     run = Run.open(Path("day"))
     assert (run.status, [point["load_N"] for point in run.points()]) == (status, [2.0, 3.0][:stored])
 
@@ -170,5 +164,4 @@ def test_after_a_sync_that_failed_nothing_more_is_acknowledged(tmp_path: Path, m
             failing("fdatasync", errno.EIO)(record, disk)
             WRITES["point"](record)
         WRITES["point"](record)
-    assert Run.open(tmp_path).status == "running"
-    assert record.points == 1
+    assert (Run.open(tmp_path).status, record.points) == ("running", 1)

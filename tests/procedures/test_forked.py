@@ -21,24 +21,27 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.testing import steps
 from tests.shares import first_of
 
+pytestmark = pytest.mark.usefixtures("own_store")
 SWEEP = palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2)
 ELSEWHERE = "a child that was forked from it; use the bench in that process"
 STUCK = 20  # s, after which a child counts as hanging
 
 
-@pytest.fixture(autouse=True)
-def store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "store"))
-
-
-def begun(work: Callable[[], object]) -> int:
-    """Begin some work in a forked child; returns the child's process id."""
+def fork() -> int:
+    """The id of a forked child, which does not hang; 0 in the child."""
     with warnings.catch_warnings():
         warnings.simplefilter("ignore", DeprecationWarning)  # newer Pythons warn of the threads that a bench has
         child = os.fork()
     if child == 0:
         signal.signal(signal.SIGALRM, signal.SIG_DFL)
         signal.alarm(STUCK)
+    return child
+
+
+def begun(work: Callable[[], object]) -> int:
+    """Begin some work in a forked child; returns the child's process id."""
+    child = fork()
+    if child == 0:
         status = 1
         try:
             work()
@@ -73,21 +76,30 @@ def file(sim: SimulatedBench, tmp_path: Path) -> Path:
     return path
 
 
-def test_a_child_that_leaves_the_block_of_a_simulated_bench_ends_at_once_and_the_bench_goes_on() -> None:
-    with ExitStack() as block:
-        bench = block.enter_context(palpate.open_bench(scene="thesis_single", seed=3))
-        assert forked(block.close) == 0
-        table = palpate.run(SWEEP, bench).run.table()
-    assert table["valid"].all()
-    assert not table["incidents"].any()
+@pytest.mark.parametrize("suffix", first_of([".pcapng", ".blf", ".asc"]))
+def test_a_child_leaves_the_block_of_a_bench_at_once_which_goes_on_and_whose_log_holds_each_message_once(
+    suffix: str, tmp_path: Path
+) -> None:
+    found = []
+    for name in ("whole", "forked"):
+        log = (tmp_path / name).with_suffix(suffix)
+        with ExitStack() as block:
+            bench = block.enter_context(palpate.open_bench(scene="thesis_single", seed=3, log=log))
+            if name == "forked":
+                assert forked(block.close) == 0
+            table = palpate.run(SWEEP, bench, out=tmp_path / f"run of {name}").run.table()
+            assert table["valid"].all() and not table["incidents"].any()
+        packets = list(read_pcapng(log.with_suffix(".pcapng")))  # which compares the log with its hash
+        frames = [] if suffix == ".pcapng" else sorted((each.identifier, each.data) for each in read_frames(log))
+        found.append((len(packets), frames))
+    assert found[0] == found[1]
 
 
 def test_the_outputs_that_a_parent_has_switched_on_and_its_lock_outlast_its_children(
     sim: SimulatedBench, file: Path
 ) -> None:
     with ExitStack() as block:
-        bench = block.enter_context(palpate.open_bench(bench=file)).bench
-        generator = bench.device("signal_generator")
+        generator = block.enter_context(palpate.open_bench(bench=file)).bench.device("signal_generator")
         generator.set(amplitude=0.2)
         generator.set(output="on")
 
@@ -96,21 +108,14 @@ def test_the_outputs_that_a_parent_has_switched_on_and_its_lock_outlast_its_chil
                 raise KeyboardInterrupt
 
         requests = sim.servers.transactions
-        assert forked(block.close) == 0
-        assert forked(fails) == 1
-        assert sim.servers.transactions == requests
+        assert (forked(block.close), forked(fails), sim.servers.transactions) == (0, 1, requests)
         with pytest.raises(BenchInUse), palpate.open_bench(bench=file):
             pass
+        ours, theirs = os.pipe()
+        child = begun(lambda: (os.close(theirs), os.read(ours, 1)))  # it lives on, and keeps no bench taken
         assert generator.get("output") == 1
-    assert sim.generator.settings["output"] == 0
-
-
-def test_a_child_that_lives_on_keeps_no_bench_taken(file: Path) -> None:
-    ours, theirs = os.pipe()
-    with ExitStack() as block:
-        block.enter_context(palpate.open_bench(bench=file))
-        child = begun(lambda: (os.close(theirs), os.read(ours, 1)))
         block.close()
+        assert sim.generator.settings["output"] == 0
         with palpate.open_bench(bench=file):
             pass
     os.close(theirs)
@@ -118,80 +123,50 @@ def test_a_child_that_lives_on_keeps_no_bench_taken(file: Path) -> None:
     os.close(ours)
 
 
-@pytest.mark.parametrize("use", ["device", "can", "clock", "run"])
-def test_a_bench_that_is_used_in_a_child_is_refused_with_one_message(use: str) -> None:
+def test_a_bench_that_is_used_in_a_child_is_refused_with_one_message_and_the_child_opens_its_own() -> None:
     with palpate.open_bench(scene="thesis_single", seed=3) as bench:
-        node = bench.bench.device("sensor_node_1")
-        uses: dict[str, Callable[[], Any]] = {
-            "device": lambda: bench.bench.device("signal_generator").get("output"),
-            "can": lambda: node.get("serial"),
-            "clock": lambda: bench.bench.clock.wait(1.0),
-            "run": lambda: palpate.run(SWEEP, bench),
-        }
 
         def refused() -> None:
-            with pytest.raises(BenchError, match=ELSEWHERE):
-                uses[use]()
+            uses: tuple[Callable[[], Any], ...] = (
+                lambda: bench.bench.device("signal_generator").get("output"),
+                lambda: bench.bench.device("sensor_node_1").get("serial"),  # on the CAN bus
+                lambda: bench.bench.clock.wait(1.0),
+                lambda: palpate.run(SWEEP, bench),
+            )
+            for use in uses:
+                with pytest.raises(BenchError, match=ELSEWHERE):
+                    use()
+            with palpate.open_bench(scene="thesis_single", seed=4) as other:
+                assert palpate.run(SWEEP, other).run.table()["valid"].all()
 
         assert forked(refused) == 0
 
 
-def test_a_child_can_open_a_bench_of_its_own() -> None:
-    def measures() -> None:
-        with palpate.open_bench(scene="thesis_single", seed=4) as other:
-            assert palpate.run(SWEEP, other).run.table()["valid"].all()
-
-    with palpate.open_bench(scene="thesis_single", seed=3):
-        assert forked(measures) == 0
+class Child(BaseException):
+    """What ends a child in the middle of a run."""
 
 
-@pytest.mark.parametrize("error", first_of([None, RuntimeError, SystemExit]))
+@pytest.mark.parametrize("error", first_of([Child, RuntimeError, SystemExit]))
 def test_a_child_that_is_forked_within_a_run_writes_nothing_into_its_record(
-    error: type[BaseException] | None, tmp_path: Path
+    error: type[BaseException], tmp_path: Path
 ) -> None:
-    class Child(BaseException):
-        pass
-
-    def digest(name: str, progress: Callable[[int, int, str], None]) -> str:
-        with palpate.open_bench(scene="thesis_single", seed=3) as bench:
-            return palpate.run(SWEEP, bench, out=tmp_path / name, listeners=[steps(progress)]).run.digest()
-
     parent, statuses = os.getpid(), list[int]()
 
     def fork_after_a_point(done: int, _total: int, _what: str) -> None:
         if done == 1 and not statuses:
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", DeprecationWarning)
-                child = os.fork()
+            child = fork()
             if child == 0:
-                signal.signal(signal.SIGALRM, signal.SIG_DFL)
-                signal.alarm(STUCK)
-                raise Child if error is None else error
+                raise error
             statuses.append(ended(child))
 
-    whole = digest("whole", lambda *_: None)
+    runs = []
     try:
-        again = digest("again", fork_after_a_point)
+        for listeners in ([], [steps(fork_after_a_point)]):
+            with palpate.open_bench(scene="thesis_single", seed=3) as bench:
+                runs.append(palpate.run(SWEEP, bench, out=tmp_path / str(len(runs)), listeners=listeners).run)
     finally:
         if os.getpid() != parent:
             os._exit(7)
     assert statuses == [7]
-    assert again == whole
-    assert not check(tmp_path / "again").faults
-    assert palpate.read(tmp_path / "again").events() == palpate.read(tmp_path / "whole").events()
-
-
-@pytest.mark.parametrize("suffix", first_of([".pcapng", ".blf", ".asc"]))
-def test_a_log_holds_each_message_once_although_a_child_was_forked_between_them(suffix: str, tmp_path: Path) -> None:
-    found = []
-    for name in ("whole", "forked"):
-        log = (tmp_path / name).with_suffix(suffix)
-        with ExitStack() as block:
-            bench = block.enter_context(palpate.open_bench(scene="thesis_single", seed=3, log=log))
-            if name == "forked":
-                assert forked(block.close) == 0
-            palpate.run(SWEEP, bench, out=tmp_path / f"run of {name}")
-        packets = list(read_pcapng(log.with_suffix(".pcapng")))  # which compares the log with its hash
-        frames = [] if suffix == ".pcapng" else sorted((each.identifier, each.data) for each in read_frames(log))
-        found.append((len(packets), frames))
-    assert found[0] == found[1]
+    assert runs[0].digest() == runs[1].digest() and runs[0].events() == runs[1].events()
+    assert not check(runs[1].folder).faults

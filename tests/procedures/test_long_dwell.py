@@ -28,6 +28,7 @@ from palpate.procedures.steps.films import FilmRecord, Films, LongFilmRecord
 from palpate.simulators.bench import SimulatedBench
 from tests import damages
 from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
+from tests.runs import flip
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "130 s", "--quiet")
 PIECES = 3  # of a dwell: two of a minute, and the rest
@@ -57,12 +58,6 @@ def cut_short(monkeypatch: pytest.MonkeyPatch) -> CutShort:
     return install
 
 
-@pytest.fixture
-def whole(palpate: Palpate) -> Run:
-    assert palpate(*SWEEP, "--out", "whole").status == 0
-    return Run.open(Path("whole"))
-
-
 def kinds(folder: str) -> list[tuple[str, int]]:
     """Kind and id of each row of a record."""
     with reading(Path(folder)) as stored:
@@ -73,12 +68,14 @@ def kinds(folder: str) -> list[tuple[str, int]]:
 
 
 def test_a_run_that_ended_within_a_dwell_goes_on_there_and_is_as_one_that_did_not(
-    palpate: Palpate, cut_short: CutShort, whole: Run
+    palpate: Palpate, cut_short: CutShort
 ) -> None:
+    assert palpate(*SWEEP, "--out", "whole").status == 0
+    whole = Run.open(Path("whole"))
+    check_fitted(whole)
     cut_short(PIECES + 1)
     assert palpate(*SWEEP, "--out", "cut").status == 130
-    assert f"unfinished: {STORED}\n" in palpate("runs", "check", "cut").out
-    assert f"unfinished: {STORED}\n" in palpate("runs", "show", "cut").out
+    assert all(f"unfinished: {STORED}\n" in palpate("runs", what, "cut").out for what in ("check", "show"))
     assert palpate("runs", "show", "cut", "--json").object["unfinished"] == STORED
     cut_short(PIECES + 2)  # what is stored already is compared, so this ends one piece later
     assert palpate("runs", "resume", "cut").status == 130
@@ -88,9 +85,8 @@ def test_a_run_that_ended_within_a_dwell_goes_on_there_and_is_as_one_that_did_no
     run = Run.open(Path("cut"))
     assert (run.digest(), run.summary) == (whole.digest(), whole.summary)
     assert "unfinished" not in palpate("runs", "check", "cut", "--json").object
-    waves = [row for row in kinds("whole") if row[0] == "WAVE"]
-    assert len(waves) == 2 * 2 * PIECES
-    assert [row for row in kinds("cut") if row[0] == "WAVE"] == waves
+    waves = [[row for row in kinds(folder) if row[0] == "WAVE"] for folder in ("whole", "cut")]
+    assert waves[0] == waves[1] and len(waves[0]) == 2 * 2 * PIECES
     assert [event["message"] for event in run.events() if event["kind"] == "continued"] == [
         f"after point 1; {stored}, and it goes on" for stored in (STORED, STORED.replace("60", "120"))
     ]
@@ -106,10 +102,6 @@ def check_fitted(run: Run) -> None:
         found = [point["voltage_rigid_V"], point["voltage_total_V"]]
         assert found == pytest.approx([2 * each for each in fit.unbiased], rel=1e-9)
         assert point["dwell_s"] == 130.0
-
-
-def test_a_point_of_a_long_dwell_is_the_fit_of_the_samples_in_its_record(whole: Run) -> None:
-    check_fitted(whole)
 
 
 @pytest.mark.slow
@@ -135,17 +127,15 @@ def test_samples_that_differ_from_those_that_are_stored_are_not_taken_for_them(
 ) -> None:
     cut_short(1)
     assert palpate(*SWEEP, "--out", "cut").status == 130
+    cut_short(0)
     add = LongFilmRecord.add
 
     def other(self: LongFilmRecord, piece: FilmRecord) -> None:
         add(self, FilmRecord(piece.rate, piece.time, piece.voltage * (1 + 1e-6), piece.clipped))
 
-    cut_short(0)
-    with monkeypatch.context() as patched:
-        patched.setattr(LongFilmRecord, "add", other)
-        said = palpate("runs", "resume", "cut", "--quiet")
-    assert said.status != 0
-    assert "samples of point 1 from number 1 on is not what the bench gives now" in said.complaint
+    monkeypatch.setattr(LongFilmRecord, "add", other)
+    said = palpate("runs", "resume", "cut", "--quiet").complaint
+    assert "samples of point 1 from number 1 on is not what the bench gives now" in said
 
 
 # --- in a record ---------------------------------------------------------------------------------------
@@ -179,11 +169,11 @@ def test_of_several_dwells_at_a_point_the_one_counts_that_the_point_names(tmp_pa
         record.point({}, kept, 7)
         record.point({}, {"film": (RATE, np.ones(3))}, 8)
         record.finish("complete", {"a": 1})
-    run = Run.open(tmp_path)
-    assert run.waveform(1, "film").tolist() == (1.5 * np.arange(200, 208)).tolist()
-    assert run.waveform(1, "total").tolist() == (-0.5 * np.arange(200, 208)).tolist()
-    assert run.waveform(2, "film").tolist() == [1.0, 1.0, 1.0]
-    assert (check(tmp_path).faults, check(tmp_path).unfinished, check(tmp_path).waveforms) == ([], "", 3)
+    run, checked = Run.open(tmp_path), check(tmp_path)
+    assert [run.waveform(*each).tolist() for each in ((1, "film"), (1, "total"), (2, "film"))] == [
+        (1.5 * np.arange(200, 208)).tolist(), (-0.5 * np.arange(200, 208)).tolist(), [1.0, 1.0, 1.0],
+    ]  # fmt: skip
+    assert (checked.faults, checked.unfinished, checked.waveforms) == ([], "", 3)
 
 
 def test_samples_in_pieces_have_the_digest_of_samples_that_are_stored_at_once(tmp_path: Path) -> None:
@@ -218,20 +208,12 @@ def test_a_repair_says_what_it_leaves_out(tmp_path: Path) -> None:
     assert Run.open(tmp_path / "repaired").waveform(1, "film").tolist() == [0.0, 1.5, 3.0, 4.5, 6.0]
 
 
-def damage(file: Path, value: float) -> None:
-    """Change a sample in a record."""
-    content = file.read_bytes()
-    before = np.float32(value).tobytes()
-    assert before in content
-    file.write_bytes(content.replace(before, np.float32(value + 0.25).tobytes(), 1))
-
-
 @pytest.mark.parametrize("finished", [True, False])
 def test_a_damaged_piece_is_told(tmp_path: Path, finished: bool) -> None:
     with begun(tmp_path) as record:
         dwell = record.begin_dwell()
         dwell.add(samples(50))
-        damage(tmp_path / "run.record", 76.5)
+        flip(tmp_path / "run.record", np.float32(76.5).tobytes())
         with pytest.raises(RecordError, match="a waveform of point 1 is not as it was written"):
             list(dwell.pieces())
         if finished:
@@ -242,7 +224,7 @@ def test_a_damaged_piece_is_told(tmp_path: Path, finished: bool) -> None:
 
 def test_a_piece_that_was_not_acknowledged_does_not_count(tmp_path: Path) -> None:
     """The writer was killed after it had written the samples, and before it had written how many rows there are."""
-    head = tmp_path / "run.head"
+    head, stored = tmp_path / "run.head", "0.02 s of a dwell at point 1 are stored"
     with Recorder.create(tmp_path, damages.HEADER) as record:
         dwell = record.begin_dwell()
         dwell.add(samples(0))
@@ -250,11 +232,10 @@ def test_a_piece_that_was_not_acknowledged_does_not_count(tmp_path: Path) -> Non
         dwell.add(samples(5))
         record.close()
     head.write_bytes(before)
-    found = check(tmp_path)
-    assert (found.faults, found.unfinished) == ([], "0.02 s of a dwell at point 1 are stored")
+    assert (check(tmp_path).faults, check(tmp_path).unfinished) == ([], stored)
     with Resumed(Run.open(tmp_path), replay=False, accept=False) as record:
         record.begin(damages.HEADER)
-    assert check(tmp_path).unfinished == "0.02 s of a dwell at point 1 are stored"
+    assert check(tmp_path).unfinished == stored
 
 
 # --- the films -----------------------------------------------------------------------------------------
@@ -269,13 +250,12 @@ def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path, mo
     clipped[1, 20_100:20_300] = True
     volts[0, 35_000:35_010] = np.nan
     memory = FilmRecord(RATE, time, volts, clipped)
+    monkeypatch.setattr(films, "IN_A_FRAME", 10_000)  # a piece of more samples is several rows
     with begun(tmp_path) as record:
         stored, held = (LongFilmRecord(each.begin_dwell(), ["film", "total"]) for each in (record, Unrecorded()))
-        with monkeypatch.context() as patched:
-            patched.setattr(films, "IN_A_FRAME", 10_000)  # a piece of more samples is several rows
-            for part in np.split(np.arange(count), [15_000, 30_000]):
-                for each in (stored, held):
-                    each.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
+        for part in np.split(np.arange(count), [15_000, 30_000]):
+            for each in (stored, held):
+                each.add(FilmRecord(RATE, time[part], volts[:, part], clipped[:, part]))
         for one, other in (
             (stored, memory),
             (held, memory),  # as a run is done again
@@ -291,10 +271,9 @@ def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path, mo
             fit, expected_fit = (each.fit(FREQUENCY, clipped=False) for each in (one, other))
             assert fit.amplitude == pytest.approx(expected_fit.amplitude, rel=1e-12)
             assert fit.phase == pytest.approx(expected_fit.phase, rel=1e-9, abs=1e-12)
-        for name in ("clips", "gaps", "silent"):
-            assert getattr(stored, name).tolist() == getattr(memory, name).tolist(), name
-        assert stored.clips.tolist() == [False, True]
-        assert stored.gaps.tolist() == [True, False]
+        told = [[getattr(each, name).tolist() for name in ("clips", "gaps", "silent")] for each in (stored, memory)]
+        assert told[0] == told[1]
+        assert told[0][:2] == [[False, True], [True, False]]
 
 
 def test_nodes_that_give_no_pieces_are_stored_in_pieces_too(
@@ -308,16 +287,15 @@ def test_nodes_that_give_no_pieces_are_stored_in_pieces_too(
                 raise AttributeError(name)
             return getattr(node, name)
 
-    node, found = bench.all(SensorNode)[0], []
-    named = bench.named(node)
-    for name in ("pieces", "whole"):
-        if name == "whole":
-            monkeypatch.setattr(bench, "all", lambda _role: [Whole()])
-            monkeypatch.setattr(bench, "named", lambda _device: named)
-        sampled = Films(bench, get_design("single"), FREQUENCY, 4.0)
-        with begun(tmp_path / name) as record:
-            recorded = sampled.recorded(70.0, record)
-            assert isinstance(recorded, LongFilmRecord)
-            found.append((recorded.samples, recorded.rate, recorded.usable(clipped=False)[0].tolist()))
-    assert found[0] == found[1]
-    assert found[0][:2] == (70 * RATE, RATE)
+    def recorded(folder: Path) -> tuple[int, float, list[float]]:
+        with begun(folder) as record:
+            found = Films(bench, get_design("single"), FREQUENCY, 4.0).recorded(70.0, record)
+            assert isinstance(found, LongFilmRecord)
+            return found.samples, found.rate, found.usable(clipped=False)[0].tolist()
+
+    node = bench.all(SensorNode)[0]
+    named, in_pieces = bench.named(node), recorded(tmp_path / "pieces")
+    monkeypatch.setattr(bench, "all", lambda _role: [Whole()])
+    monkeypatch.setattr(bench, "named", lambda _device: named)
+    assert recorded(tmp_path / "whole") == in_pieces
+    assert in_pieces[:2] == (70 * RATE, RATE)

@@ -4,19 +4,19 @@ from __future__ import annotations
 
 import errno
 import os
+import re
 import subprocess
 import sys
-from collections.abc import Callable
-from datetime import UTC, datetime
+from datetime import UTC, datetime, timedelta, timezone
 from pathlib import Path
 from typing import NoReturn
 
 import numpy as np
 import pytest
 
-from palpate.instrument.errors import RangeError, RecordError
-from palpate.procedures.records.chain import AHEAD, HASH, LARGEST_ROW
-from palpate.procedures.records.record import Recorder
+from palpate.instrument.errors import RangeError, RecordError, UsageError
+from palpate.procedures.records.chain import HASH, LARGEST_ROW
+from palpate.procedures.records.record import Recorder, new_run_folder
 from palpate.procedures.records.record_file import IN_A_FRAME
 from palpate.procedures.records.run import Run
 
@@ -40,11 +40,8 @@ def write(folder: Path, points: int = 3, seed: int = 0) -> Run:
     return Run.open(folder)
 
 
-def refuse(code: int) -> Callable[..., NoReturn]:
-    def call(*_: object, **__: object) -> NoReturn:
-        raise OSError(code, os.strerror(code))
-
-    return call
+def refuse(*_: object, **__: object) -> NoReturn:
+    raise OSError(errno.EROFS, os.strerror(errno.EROFS))
 
 
 def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
@@ -56,23 +53,7 @@ def test_what_is_written_is_what_is_read(tmp_path: Path) -> None:
     assert run.points()[1] == {"id": 2, "bench_ns": SECOND, "sample": 2, "load_N": 2.0}
     assert run.waveform_names(2) == ["rigid", "total"]
     np.testing.assert_array_equal(run.waveform(2, "total"), waveform(101)[1])
-
-
-def test_a_finished_run_is_a_record_without_zeros_at_its_end_and_a_head(tmp_path: Path) -> None:
-    write(tmp_path)
-    assert {path.name: path.stat().st_size for path in tmp_path.iterdir()} == {
-        "run.head": 1024,
-        "run.record": (tmp_path / "run.record").read_bytes().rindex(b"}") + 1 + HASH,
-    }
-
-
-def test_waveforms_are_stored_as_little_endian_float32(tmp_path: Path) -> None:
-    write(tmp_path, points=2)
-    expected = [(seed, waveform(seed)[1].astype("<f4").tobytes()) for seed in (0, 100, 1, 101)]
-    content = (tmp_path / "run.record").read_bytes()
-    places = [content.index(samples) for _, samples in expected]
-    assert places == sorted(places)
-    assert content[: places[-1]].endswith(b'{"first":0,"name":"total","rate":1000.0}\n')
+    assert (run.folder / "run.record").read_bytes()[-HASH - 1 :].startswith(b"}")  # no zeros behind its end
 
 
 def test_equal_measurements_give_equal_bytes_and_another_seed_does_not(tmp_path: Path) -> None:
@@ -83,35 +64,18 @@ def test_equal_measurements_give_equal_bytes_and_another_seed_does_not(tmp_path:
     assert one.digest() == two.digest() != other.digest()
 
 
-def test_a_long_run_grows_by_a_million_bytes_at_a_time_and_loses_nothing(tmp_path: Path) -> None:
-    sizes = set()
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        for index in range(100):
-            recorder.point({"n": index}, {"film": waveform(index, 10_000)}, index)
-            sizes.add((tmp_path / "run.record").stat().st_size)
-    assert 4 <= len(sizes) <= 6
-    assert min(sizes) > AHEAD
-    assert len({tuple(w.samples) for w in Run.open(tmp_path).waveforms()}) == 100
-
-
-def test_a_long_waveform_lies_in_several_frames(tmp_path: Path) -> None:
+def test_a_long_waveform_lies_in_several_frames_and_keeps_samples_that_are_not_finite(tmp_path: Path) -> None:
     rate, samples = waveform(1, 2 * IN_A_FRAME + 5)
+    samples[:3] = np.nan, np.inf, -np.inf
+    waveforms = {"a": samples, "none": samples[:0], "b": -samples}
     with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({}, {"a": (rate, samples), "none": (rate, samples[:0]), "b": (rate, -samples)}, 0)
+        recorder.point({}, {name: (rate, each) for name, each in waveforms.items()}, 0)
         recorder.finish("complete", {"points": 1})
     assert (tmp_path / "run.record").read_bytes().count(b'"name":"a","rate":1000.0}') == 3
     run = Run.open(tmp_path)
-    assert run.waveform_names(1) == ["a", "none", "b"]
-    np.testing.assert_array_equal(run.waveform(1, "a"), samples)
-    np.testing.assert_array_equal(run.waveform(1, "b"), -samples)
-    assert run.waveform(1, "none").size == 0
-
-
-def test_samples_that_are_not_finite_are_kept(tmp_path: Path) -> None:
-    samples = np.array([1.0, np.nan, np.inf, -np.inf], dtype=np.float32)
-    with Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.point({}, {"film": (10.0, samples)}, 0)
-    np.testing.assert_array_equal(Run.open(tmp_path).waveform(1, "film"), samples)
+    assert run.waveform_names(1) == list(waveforms)
+    for name, each in waveforms.items():
+        np.testing.assert_array_equal(run.waveform(1, name), each)
 
 
 @pytest.mark.parametrize(
@@ -145,13 +109,10 @@ def test_of_recorders_that_start_at_once_in_a_folder_one_gets_it(tmp_path: Path)
         f"try: Recorder.create(Path({str(tmp_path / 'run')!r}), {HEADER!r}).finish('complete', {{}})\n"
         "except UsageError as error: sys.exit(error.exit_code)\n"
     )
-    racers = [
-        subprocess.Popen([sys.executable, "-c", script], stdin=subprocess.PIPE, stdout=subprocess.PIPE)
-        for _ in range(4)
-    ]
+    pipe = subprocess.PIPE
+    racers = [subprocess.Popen([sys.executable, "-c", script], stdin=pipe, stdout=pipe) for _ in range(4)]
     for racer in racers:
-        assert racer.stdout is not None
-        racer.stdout.readline()
+        assert racer.stdout and racer.stdout.readline()
     for racer in racers:
         assert racer.stdin is not None
         racer.stdin.write(b"\n")
@@ -176,25 +137,129 @@ def test_an_exception_is_recorded_and_goes_on(tmp_path: Path, error: BaseExcepti
     assert run.events() == [{"bench_ns": 5 * SECOND, "kind": status, "message": f"{type(error).__name__}: {error}"}]
 
 
-def test_an_exception_after_the_end_leaves_the_result(tmp_path: Path) -> None:
-    with pytest.raises(ZeroDivisionError), Recorder.create(tmp_path, HEADER) as recorder:
-        recorder.finish("complete", {"points": 0})
-        raise ZeroDivisionError
-    assert Run.open(tmp_path).status == "complete"
-
-
 def test_a_place_that_takes_no_run_is_named(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "file").touch()
     with pytest.raises(RecordError, match=r"file/run: Not a directory; choose a writable folder with --out"):
         Recorder.create(tmp_path / "file" / "run", HEADER)
-    monkeypatch.setattr(Path, "mkdir", refuse(errno.EROFS))
+    monkeypatch.setattr(Path, "mkdir", refuse)
     with pytest.raises(RecordError, match=r"run: Read-only file system; choose a writable folder"):
         Recorder.create(tmp_path / "run", HEADER)
 
 
 def test_a_start_that_fails_leaves_the_folder_free(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as disk, pytest.raises(RecordError, match="free space"):
-        disk.setattr(Path, "replace", refuse(errno.ENOSPC))
+    with monkeypatch.context() as disk, pytest.raises(RecordError, match="Read-only"):
+        disk.setattr(Path, "replace", refuse)
         Recorder.create(tmp_path, HEADER)
     assert list(tmp_path.iterdir()) == []
     write(tmp_path)
+
+
+# --- the one writer of a run, and how a run ends -------------------------------------------------------
+
+
+SHORT: dict[str, object] = {"procedure": "sweep", "simulated": False, "started": "2025-03-14T15:09:26Z"}
+FILM = {"film": (250.0, np.zeros(3, np.float32))}
+
+
+# --- a new run -----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("header", "message"),
+    [
+        ({}, "^the header of a run lacks procedure, simulated, started$"),
+        ({"procedure": "sweep", "simulated": True}, "^the header of a run lacks started$"),
+        ({**SHORT, "simulated": 1}, "^the header of a run says simulated = 1; write true or false$"),
+        ({**SHORT, "started": "noon"}, "noon"),
+    ],
+)
+def test_a_header_that_does_not_say_what_the_run_is_makes_no_folder(
+    header: dict[str, object], message: str, tmp_path: Path
+) -> None:
+    with pytest.raises((RecordError, ValueError), match=message):
+        Recorder.create(tmp_path / "run", header)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_a_run_stands_where_its_path_led_when_it_began_and_stays_as_it_is_when_it_is_closed(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path)
+    with Recorder.create(Path("run"), SHORT) as recorder:
+        monkeypatch.chdir(tmp_path / "elsewhere")
+        assert recorder.folder == tmp_path / "run"
+        assert [recorder.point({}, FILM, number) for number in (0, 5)] == [1, 2]
+        recorder.close()
+    run = Run.open(tmp_path / "run")
+    assert run.points() == [{"id": 1, "bench_ns": 0}, {"id": 2, "bench_ns": 5}]
+    assert (run.status, run.events()) == ("running", [])
+
+
+def test_while_a_run_is_written_nobody_else_begins_or_goes_on_with_one_there(tmp_path: Path) -> None:
+    message = f"^{re.escape(str(tmp_path))} is being written by another process; let that end first$"
+    with Recorder.create(tmp_path, SHORT) as recorder:
+        for header in (SHORT, None):
+            with pytest.raises(UsageError, match=message):
+                Recorder(tmp_path, header)
+        recorder.finish("complete", {})
+    Recorder(tmp_path).close()  # from now on others may
+
+
+def test_no_file_stays_open_when_a_run_has_ended_or_could_not_begin_and_opened_again_nothing_is_written(
+    tmp_path: Path,
+) -> None:
+    before = len(list(Path("/proc/self/fd").iterdir()))
+    with pytest.raises(ZeroDivisionError), Recorder.create(tmp_path, SHORT) as recorder:
+        recorder.finish("complete", {})
+        with pytest.raises(UsageError, match="already holds a run"):
+            Recorder.create(tmp_path, SHORT)
+        raise ZeroDivisionError  # after the end, so the result stays
+    assert Run.open(tmp_path).status == "complete"
+    files = {path.name: path.read_bytes() for path in tmp_path.iterdir()}
+    with Recorder(tmp_path):
+        pass
+    assert {path.name: path.read_bytes() for path in tmp_path.iterdir()} == files
+    assert len(list(Path("/proc/self/fd").iterdir())) == before
+
+
+# --- the end -------------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(("message", "events"), [("", []), ("no sample", ["no sample"])])
+def test_a_run_ends_with_its_result_and_with_a_message_where_there_is_one(
+    message: str, events: list[str], tmp_path: Path
+) -> None:
+    recorder = Recorder.create(tmp_path, SHORT)
+    recorder.event("operator", "mounted", 7)
+    recorder.finish("failed", {"n": 1}, message)
+    run = Run.open(tmp_path)
+    assert (run.status, run.summary) == ("failed", {"n": 1})
+    assert [(event["kind"], event["message"]) for event in run.events()][1:] == [("failed", each) for each in events]
+    assert all(event["bench_ns"] == 7 for event in run.events())  # the time that was told last
+
+
+def test_the_failure_of_a_run_goes_on_though_its_end_cannot_be_stored(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def full(*_: object) -> None:
+        raise OSError(28, "No space left on device")
+
+    with pytest.raises(KeyError, match="servo"), Recorder.create(tmp_path, SHORT):
+        monkeypatch.setattr(os, "pwrite", full)
+        raise KeyError("servo")
+
+
+# --- folders and files beside it -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("procedure", "name"),
+    [("sweep loads", "sweep-loads"), ("a/../b  c", "a-b-c"), ("Größe", "Gr-e"), ("x9", "x9")],
+)
+def test_a_folder_is_named_after_the_start_in_utc_and_the_procedure(procedure: str, name: str, tmp_path: Path) -> None:
+    started = datetime(2025, 3, 14, 1, 2, 3, tzinfo=timezone(timedelta(hours=2)))
+    for suffix in ("", "-2", "-3"):
+        found = new_run_folder(tmp_path / "new" / "store", procedure, started)
+        assert found == tmp_path / "new" / "store" / f"20250313T230203Z-{name}{suffix}"
+        assert found.is_dir()

@@ -1,25 +1,32 @@
-"""A run that was stopped goes on, and ends as if it had not been; on another bench it does not go on unnoticed."""
+"""A run that was stopped goes on and ends as if it had not been, also in a chain; on another bench not unnoticed."""
 
 from __future__ import annotations
 
 import json
 import math
+import shutil
+import signal
+import subprocess
+import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
+from itertools import chain, repeat
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 import tomli_w
 
+import palpate
+from palpate.drivers.bench import Bench
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.errors import RecordError
 from palpate.instrument.sensor.sample import get_sample
+from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
-from palpate.procedures.lab import operator as keys
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
 from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.records.chain import HEAD_FILE
@@ -27,9 +34,12 @@ from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed, header_of, settings_of
 from palpate.procedures.records.run import Run
+from palpate.procedures.steps.pause import NOBODY
 from palpate.simulators.bench import SimulatedBench
+from palpate.testing import steps
 from tests.drivers.benches import new_form
-from tests.procedures.conftest import HEADER, OFF, Palpate, outputs
+from tests.examples.relaxation import Relaxation
+from tests.procedures.conftest import HEADER, OFF, Palpate, interrupt_at, outputs
 from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
@@ -39,15 +49,7 @@ Stop = Callable[[int], None]
 @pytest.fixture
 def stop(on_progress: Any) -> Stop:
     """Has the next command interrupted when it has reported so many points; 0: never."""
-
-    def install(points: int) -> None:
-        def report(done: int, _total: int, _what: str) -> None:
-            if points and done == points:
-                raise KeyboardInterrupt
-
-        on_progress(report)
-
-    return install
+    return lambda points: on_progress(interrupt_at(points or -1))
 
 
 def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
@@ -64,9 +66,11 @@ def stopped(palpate: Palpate, stop: Stop, points: int, *command: str) -> Run:
 def asked(monkeypatch: pytest.MonkeyPatch) -> list[str]:
     """What was confirmed by somebody who always does as he is asked."""
     words: list[str] = []
-    monkeypatch.setattr(
-        operator, "confirm", lambda what, word: words.append(f"{word} anew" if "anew" in what else word)
-    )
+
+    def confirm(what: str, word: str) -> None:
+        words.append(f"{word} anew" if "anew" in what else word)
+
+    monkeypatch.setattr(operator, "confirm", confirm)
     return words
 
 
@@ -96,50 +100,21 @@ def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate,
     said = palpate("runs", "resume", "cut", "--json").object
     run = Run.open(Path("cut"))
     assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
-    assert said["softness_order"] == whole.summary["softness_order"]
-    assert len(said["points"]) == 3
+    assert (said["softness_order"], len(said["points"])) == (whole.summary["softness_order"], 3)
     assert events("cut") == ["stopped", "continued", "stopped", "continued"]
 
 
-def test_every_procedure_is_found_by_the_name_in_its_header() -> None:
+def test_every_procedure_is_found_by_the_name_in_its_header_and_has_its_settings_back() -> None:
     found = {name: class_of(run_of({}, name), "resumed") for name in SHIPPED}
     assert [procedure.name for procedure in found.values()] == list(found)
     on_real_benches = {name for name, procedure in found.items() if procedure.resumable_on_real_bench}
     assert on_real_benches == {"sweep-loads", "sweep-frequency", "measure-modulus"}
-    loads = LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, extrapolate=True)
-    assert settings_from(LoadSweep, loads) == loads
-    unknown = SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment")
-    assert settings_from(SoftnessTest, unknown) == unknown
-
-
-def settings_from(kind: type[Any], settings: Any) -> Any:
-    """Settings as a record gives them back."""
-    return settings_of(run_of(json.loads(as_json({"settings": asdict(settings)}))), kind)
-
-
-class Once:
-    """Asks for a pause before the second point."""
-
-    def __init__(self) -> None:
-        self._asked = 0
-
-    def asked(self) -> bool:
-        self._asked += 1
-        return self._asked == 2
-
-    def wait(self) -> None:
-        pass
-
-
-@pytest.mark.slow
-def test_where_it_was_paused_it_pauses_again(palpate: Palpate, stop: Stop, monkeypatch: pytest.MonkeyPatch) -> None:
-    with monkeypatch.context() as pressed:
-        pressed.setattr(keys, "keyboard", lambda: nullcontext(Once()))
-        assert palpate(*SWEEP, "--out", "whole").status == 0
-        stopped(palpate, stop, 2, *SWEEP)
-    assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    assert Run.open(Path("cut")).digest() == Run.open(Path("whole")).digest()
-    assert events("cut") == ["paused", "resumed", "stopped", "continued"]
+    for settings in (
+        LoadSweep(("1",), (2.0, 3.0), 0.2, 10.0, extrapolate=True),
+        SoftnessTest((get_sample("2"),), (2.0,), 1.0, 10.0, "experiment"),
+    ):
+        stored = run_of(json.loads(as_json({"settings": asdict(settings)})))
+        assert settings_of(stored, type(settings)) == settings
 
 
 # --- what has changed -----------------------------------------------------------------------------------
@@ -149,14 +124,16 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
     before = stopped(palpate, stop, 2, *SWEEP).points()
     scene = Path("cut/scene.toml")
     scene.write_text(scene.read_text().replace("seed = 1", "seed = 2"))
-    rehash(Path("cut"), header=lambda header: header["versions"].update(numpy="1.0"))
-    rehash(Path("cut"), header=lambda header: header["calibration"].update(zero_mV=9.5))
-    said = palpate("runs", "resume", "cut")
-    assert said.status == 2
-    assert "scene.seed: 1 in the record, 2 now\n" in said.complaint
-    assert 'versions.numpy: "1.0" in the record' in said.complaint
-    assert "calibration.zero_mV: 9.5 in the record, 1." in said.complaint
-    assert said.complaint.endswith("or resume with --accept-change, which is recorded")
+    for changed, to in (("versions", {"numpy": "1.0"}), ("calibration", {"zero_mV": 9.5})):
+        rehash(Path("cut"), header=lambda header, changed=changed, to=to: header[changed].update(to))  # type: ignore[misc]
+    said = palpate("runs", "resume", "cut").refusal
+    for told in (
+        "scene.seed: 1 in the record, 2 now\n",
+        'versions.numpy: "1.0" in the record',
+        "calibration.zero_mV: 9.5 in the record, 1.",
+    ):
+        assert told in said
+    assert said.endswith("or resume with --accept-change, which is recorded")
     assert events("cut") == ["stopped"]
     assert palpate("runs", "resume", "cut", "--accept-change", "--quiet").status == 0
     run = Run.open(Path("cut"))
@@ -168,23 +145,22 @@ def test_a_change_is_named_and_refused_unless_it_is_accepted(palpate: Palpate, s
 def test_points_that_come_out_otherwise_stop_it(palpate: Palpate, stop: Stop) -> None:
     stopped(palpate, stop, 2, *SWEEP)
     rehash(Path("cut"), point=lambda data: data.update(force_ratio=0.5), number=2)
-    said = palpate("runs", "resume", "cut")
-    assert said.status == 1
-    assert "point 2 is not what the bench gives now" in said.complaint
+    assert "point 2 is not what the bench gives now" in palpate("runs", "resume", "cut").complaint
     assert len(Run.open(Path("cut")).points()) == 2
 
 
 def test_what_cannot_go_on_is_refused(palpate: Palpate, whole: Run) -> None:
-    assert "is complete; there is nothing to resume" in palpate("runs", "resume", "whole").complaint
+    resume = ("runs", "resume", "whole")
+    assert "is complete; there is nothing to resume" in palpate(*resume).complaint
     rehash(whole.folder, status="running")
     with Resumed(Run.open(whole.folder), replay=True, accept=False):
-        assert "is being written by another process" in palpate("runs", "resume", "whole").complaint
+        assert "is being written by another process" in palpate(*resume).complaint
     rehash(whole.folder, status="running")
-    assert "leave this option out" in palpate("runs", "resume", "whole", "--bench", "lab.toml").complaint
+    assert "leave this option out" in palpate(*resume, "--bench", "lab.toml").complaint
     rehash(whole.folder, header=lambda header: header.update(procedure="reproduce"))
-    assert "'reproduce' cannot be resumed without its class: " in palpate("runs", "resume", "whole").complaint
+    assert "'reproduce' cannot be resumed without its class: " in palpate(*resume).complaint
     (whole.folder / HEAD_FILE).unlink()
-    assert "salvage it with palpate runs repair" in palpate("runs", "resume", "whole").complaint
+    assert "salvage it with palpate runs repair" in palpate(*resume).complaint
 
 
 BEGUN: dict[str, Any] = {
@@ -213,20 +189,31 @@ def run_of(header: dict[str, Any], name: str = "sweep-loads") -> Run:
 
 
 def test_a_header_that_was_forged_is_refused() -> None:
+    assert header_of(run_of(BEGUN)) == BEGUN
     for header in FORGERIES:
-        assert header_of(run_of(BEGUN)) == BEGUN
-        with pytest.raises(
-            RecordError, match=r"^run: its header is not that of a procedure on a bench \(.*\); run anew$"
-        ):
+        with pytest.raises(RecordError, match=r"^run: its header is not that of a procedure on .* \(.*\); run anew$"):
             header_of(run_of(header))
 
 
-@pytest.mark.parametrize("settings", [{}, {"samples": None, "loads": [None]}])
-def test_settings_that_were_forged_are_refused(settings: dict[str, Any]) -> None:
-    with pytest.raises(
-        RecordError, match=r"^run: its settings were recorded by another version of palpate \(.*\); run anew$"
-    ):
-        LoadSweep.recorded(run_of(BEGUN | {"settings": settings}))
+@dataclass
+class Levels:
+    values: int | tuple[float, ...]
+
+
+@pytest.mark.parametrize(
+    ("read", "settings"),
+    [
+        (LoadSweep.recorded, {}),
+        (LoadSweep.recorded, {"samples": None, "loads": [None]}),
+        (lambda run: settings_of(run, Levels), {"values": [None]}),
+    ],
+)
+def test_settings_that_were_forged_or_have_a_null_where_no_number_belongs_are_refused(
+    read: Callable[[Run], object], settings: dict[str, Any]
+) -> None:
+    told = r"^run: its settings were recorded by another version of palpate \(.*\); run anew$"
+    with pytest.raises(RecordError, match=told):
+        read(run_of(BEGUN | {"settings": settings}))
 
 
 def test_what_was_forged_is_one_error_at_the_command_line(palpate: Palpate) -> None:
@@ -235,16 +222,6 @@ def test_what_was_forged_is_one_error_at_the_command_line(palpate: Palpate) -> N
         said = palpate("runs", "resume", folder)
         assert said.status == 1
         assert said.complaint.startswith(f"{Path(folder).absolute()}: its {what} ")
-
-
-@dataclass
-class Levels:
-    values: int | tuple[float, ...]
-
-
-def test_a_null_where_no_number_belongs_is_one_error() -> None:
-    with pytest.raises(RecordError, match="its settings were recorded by another version of palpate"):
-        settings_of(run_of({"settings": {"values": [None]}}), Levels)
 
 
 # --- a real bench ---------------------------------------------------------------------------------------
@@ -256,15 +233,13 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     two_samples = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
     before = stopped(palpate, stop, 3, *two_samples, "--bench", person).points()
     ended = sim.clock.now_ns()
-    other = Path("other.toml")
-    other.write_text(tomli_w.dumps(new_form(read_bench(Path(person))) | {"force_limit": "9.0 N"}))
-    said = palpate("runs", "resume", "cut", "--bench", "other.toml")
-    assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said.complaint
-    assert said.complaint.count("in the record") == 1  # its new form changes nothing
+    Path("other.toml").write_text(tomli_w.dumps(new_form(read_bench(Path(person))) | {"force_limit": "9.0 N"}))
+    said = palpate("runs", "resume", "cut", "--bench", "other.toml").complaint
+    assert 'bench.force_limit: "10.0 N" in the record, "9.0 N" now' in said
+    assert said.count("in the record") == 1  # its new form changes nothing
     result = palpate("runs", "resume", "cut", "--bench", "other.toml", "--accept-change", "--json").object
-    run = Run.open(Path("cut"))
-    points = run.points()
-    assert (run.status, points[:3]) == ("complete", before)
+    points = Run.open(Path("cut")).points()
+    assert (Run.open(Path("cut")).status, points[:3]) == ("complete", before)
     assert [(p["sample"], p["load_N"]) for p in points] == [("1", 2.0), ("1", 3.0), ("2", 2.0), ("2", 3.0)]
     assert points[3]["bench_ns"] > ended + 60e9  # the sample is mounted anew
     assert (asked, result["mounting"]) == (["1", "2", "2"], "confirmed")
@@ -283,9 +258,9 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
     result = palpate("runs", "resume", "cut", "--json").object
     run = Run.open(Path("cut"))
     assert (run.status, run.points()[:4]) == ("complete", before)
-    assert (result["sets"], result["mountings"]) == (10, 2)
+    assert (result["sets"], result["mountings"], result["achieved_seconds"]) == (10, 2, None)
     assert [point["mounting"] for point in run.points()] == 4 * [1] + 6 * [2]
-    assert (asked, result["achieved_seconds"]) == (["1", "1 anew"], None)
+    assert asked == ["1", "1 anew"]
     assert events("cut") == ["stopped", "continued", "enough"]
     assert outputs(sim) == OFF
 
@@ -294,12 +269,11 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
 def test_a_run_that_goes_on_without_a_terminal_says_what_it_assumes(
     palpate: Palpate, stop: Stop, person: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    stopped(palpate, stop, 1, "sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--bench", person, "--quiet")
-    assert Run.open(Path("cut")).header["mounting"] == "confirmed"
+    run = stopped(palpate, stop, 1, *SWEEP, "--bench", person)
+    assert run.header["mounting"] == "confirmed"
     monkeypatch.setattr(operator, "at_terminal", lambda: False)
-    said = palpate("runs", "resume", "cut")
-    assert (said.status, events("cut")) == (2, ["stopped"])
-    assert "--assume-mounted" in said.complaint
+    assert "--assume-mounted" in palpate("runs", "resume", "cut").refusal
+    assert events("cut") == ["stopped"]
     result = palpate("runs", "resume", "cut", "--assume-mounted", "--json").object
     assert (result["mounting"], Run.open(Path("cut")).header["mounting"]) == ("assumed", "assumed")
 
@@ -310,14 +284,167 @@ def test_points_that_belong_together_do_not_go_on_on_a_real_bench(palpate: Palpa
 
 
 def test_a_stored_null_is_read_back_as_nan(tmp_path: Path) -> None:
-    header = {**HEADER, "settings": {}}
     known = {"sample": "1", "load_N": 2.0, "valid": False, "flags": ("not finite",)}
-    needed = [field.name for field in fields(LoadPoint) if field.default is MISSING]
-    values: dict[str, Any] = {**dict.fromkeys(needed, math.nan), **known}
-    point = LoadPoint(**values)
-    with Recorder.create(tmp_path, header) as record:
+    needed = dict.fromkeys((field.name for field in fields(LoadPoint) if field.default is MISSING), math.nan)
+    point = LoadPoint(**{**needed, **known})  # type: ignore[arg-type]
+    with Recorder.create(tmp_path, {**HEADER, "settings": {}}) as record:
         record.point(asdict(point), {}, 5)
     with Resumed(Run.open(tmp_path), replay=False, accept=False) as resumed:
         (again,) = resumed.finished(LoadPoint)
-        assert resumed.bench_ns == 5
-    assert repr(again) == repr(point)
+        assert (repr(again), resumed.bench_ns) == (repr(point), 5)
+
+
+# --- runs on one open bench, one after the other -------------------------------------------------------
+
+CELL = palpate.LoadCellSeries(loads=(1.4, 3.3, 7.2), runs=1, creep=False)
+FILMS = palpate.FilmSeries(loads=(2.0, 3.0, 4.0), dwell=0.2)
+SWEPT = palpate.LoadSweep(samples=("2",), loads=(2.0, 3.0), dwell=0.2)
+CHAIN = (CELL, FILMS, SWEPT)
+
+
+def copying(run: Path, into: Path, at: list[int]) -> Progress:
+    """A progress that copies a run whenever something is reported: what is on disk then is what a kill would leave."""
+
+    def copy(done: int, _total: int, _what: str) -> None:
+        if done not in at:
+            at.append(done)
+            shutil.copytree(run, into / f"{run.name}-{done}")
+
+    return copy
+
+
+@pytest.mark.usefixtures("own_store")
+@pytest.mark.slow
+def test_each_run_of_a_chain_that_was_killed_at_any_point_ends_as_it_would_have(tmp_path: Path) -> None:
+    killed = tmp_path / "killed"
+    whole, at = [], {}
+    with palpate.open_bench(scene="ideal") as bench:
+        for number, procedure in enumerate(CHAIN):
+            out, cuts = tmp_path / f"run{number}", at.setdefault(number, [])
+            found = palpate.run(procedure, bench, out=out, listeners=[steps(copying(out, killed, cuts))])
+            whole.append((found.run.digest(), found.run.summary))
+            cuts.pop()  # complete
+    assert (at[1], at[2]) == ([0, 1, 2], [0, 1])
+    for number in (2, 1):  # what was stored when the last was interrupted is still stored
+        for points in at[number]:
+            again = palpate.resume(killed / f"run{number}-{points}")
+            assert (again.run.digest(), again.run.summary) == whole[number], (number, points)
+            assert again.outcome["achieved_seconds"] == whole[number][1]["achieved_seconds"]
+
+
+FAULTY = """
+name = "faulty"
+purpose = "A chain in which runs get wrong replies, and sensors drift."
+design = "single"
+[effects.humidity_leak]
+[effects.white_noise]
+[[fault]]
+kind = "wrong_count"
+on = "shaker_amplifier"
+probability = 0.04
+"""
+
+
+@pytest.mark.usefixtures("own_store")
+@pytest.mark.slow
+def test_what_happened_before_a_run_happens_again(tmp_path: Path) -> None:
+    """Pauses, incidents, and the time that a script lets pass between two runs."""
+    scene, killed = tmp_path / "scene.toml", tmp_path / "killed"
+    scene.write_text(FAULTY)
+    whole = {}
+    once = Mock(asked=Mock(side_effect=chain([True], repeat(False))))  # it asks for a pause before a point
+    with palpate.open_bench(scene=scene) as bench:
+        for number, pause in enumerate((NOBODY, once, NOBODY)):
+            bench.bench.clock.wait(60.0 * number)
+            out = tmp_path / f"run{number}"
+            done = palpate.run(SWEPT, bench, out=out, listeners=[steps(copying(out, killed, []))], pause=pause)
+            whole[number] = done.run
+    assert [{event["kind"] for event in run.events()} for run in whole.values()] == [
+        {"incident"},
+        {"incident", "paused", "resumed"},
+        {"incident"},
+    ]
+    assert len({run.digest() for run in whole.values()}) == len(whole)
+    for number, run in list(whole.items())[1:]:
+        again = palpate.resume(killed / f"run{number}-1").run
+        assert again.digest() == run.digest(), number
+        assert again.header.get("before") == run.header.get("before")
+
+
+@pytest.mark.usefixtures("own_store")
+@pytest.mark.parametrize(
+    ("runs", "something_else"),
+    [
+        (0, lambda bench: bench.operator.mount(palpate.get_sample("3"))),
+        (1, lambda bench: bench.device("strain_indicator").set(filter=0.4)),
+    ],
+)
+def test_a_run_after_something_that_nobody_knows_says_as_it_begins_that_it_cannot_be_resumed(
+    runs: int, something_else: Callable[[Bench], None], tmp_path: Path, capsys: pytest.CaptureFixture[str]
+) -> None:
+    with palpate.open_bench(scene="ideal") as bench, pytest.raises(KeyboardInterrupt) as ended:
+        for number in range(runs):
+            palpate.run(Relaxation(readings=1), bench, out=tmp_path / str(number))
+        assert "cannot be resumed" not in capsys.readouterr().err
+        something_else(bench.bench)
+        palpate.run(Relaxation(), bench, out=tmp_path / "last", listeners=[steps(interrupt_at(1))])
+    when = "after run 1" if runs else "before its first run"
+    why = f"something else was done with the bench {when}"
+    assert capsys.readouterr().err == f"palpate: note: this run cannot be resumed if it is interrupted: {why}\n"
+    assert not any("palpate runs resume" in note for note in ended.value.__notes__)
+    with pytest.raises(palpate.UsageError, match=f"last: the simulated bench cannot be brought back .*: {why}; run it"):
+        palpate.resume(tmp_path / "last", Relaxation)
+
+
+@dataclass(frozen=True)
+class Slower(Relaxation):
+    name = "slower relaxation"
+    readings: int = 3
+
+
+@pytest.mark.usefixtures("own_store")
+def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
+    tmp_path: Path,
+) -> None:
+    with palpate.open_bench(scene="ideal") as bench:
+        palpate.run(Slower(), bench, out=tmp_path / "first")
+        out = tmp_path / "second"
+        whole = palpate.run(SWEPT, bench, out=out, listeners=[steps(copying(out, tmp_path / "killed", []))])
+    cut = tmp_path / "killed" / "second-1"
+    shutil.rmtree(tmp_path / "first")  # the second one's header tells enough
+    gone = shutil.copytree(cut, tmp_path / "gone")
+    rehash(gone, header=lambda header: header["before"]["runs"]["1"]["header"].update(procedure="uninstalled"))
+    with pytest.raises(palpate.UsageError, match=r"first: 'uninstalled' .* cannot be resumed without its class"):
+        palpate.resume(gone)
+    assert palpate.resume(cut).run.digest() == whole.run.digest()
+
+
+SCRIPT = """
+import os, sys, palpate
+from palpate.testing import steps
+from tests.procedures.test_resume import CHAIN
+cut, points, signal = map(int, sys.argv[1:])
+def kill(done, total, what):
+    if number == cut and done == points: os.kill(os.getpid(), signal)
+with palpate.open_bench(scene="thesis_single") as bench:
+    for number, procedure in enumerate(CHAIN):
+        print(palpate.run(procedure, bench, out=f"run{number}", listeners=[steps(kill)]).run.digest(), flush=True)
+"""
+RESUME = "import sys, palpate; print(palpate.resume(sys.argv[1]).run.digest())"
+
+
+@pytest.mark.slow
+def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def python(folder: Path, code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
+        folder.mkdir(exist_ok=True)
+        monkeypatch.setenv("PALPATE_STORE", str(folder / "store"))
+        monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
+        command = [sys.executable, "-c", code, *map(str, arguments)]
+        return subprocess.run(command, cwd=folder, capture_output=True, text=True)
+
+    whole = python(tmp_path / "whole", SCRIPT, -1, 0, 0).stdout.split()
+    ended = python(tmp_path / "killed", SCRIPT, 1, 2, int(signal.SIGKILL))
+    assert (ended.returncode, ended.stdout.split()) == (-signal.SIGKILL, whole[:1])
+    assert python(tmp_path / "killed", RESUME, "run1").stdout.split() == [whole[1]]
