@@ -5,19 +5,24 @@ from __future__ import annotations
 import itertools
 import json
 import math
+import os
+import signal
+import subprocess
 import sys
-from collections.abc import Iterator
+import threading
+import time
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from typing import Any
 
 import pytest
 
 from palpate.instrument.config import parse
-from palpate.instrument.errors import PalpateError
+from palpate.instrument.errors import PalpateError, UsageError
 from palpate.procedures.study.description import StudyFile, study_of
-from palpate.procedures.study.run import BlockBuilder, attempt
+from palpate.procedures.study.run import BlockBuilder, attempt, stored
 from palpate.procedures.virtual import study_cell
 from palpate.procedures.virtual.study_cell import COLUMNS, StudyComputation
 from palpate.simulators.planning.settle import read_scene
@@ -100,15 +105,6 @@ def test_a_cell_that_cannot_be_says_why(
     assert not block.columns
 
 
-def test_an_effect_and_a_modulus_reach_the_scene() -> None:
-    sweep = sweep_of('scene = ["ideal"]\neffects.glue_clamping.factor = [0.5]')
-    whole = points(sweep, scene="ideal")
-    clamped = points(sweep, scene="ideal", **{"effects.glue_clamping.factor": 0.5})
-    assert clamped[0]["voltage_rigid_V"] == pytest.approx(whole[0]["voltage_rigid_V"] / 2, rel=0.005)
-    softer = points(sweep, scene="ideal", modulus="30 kPa", model="column")
-    assert softer[0]["model_force_ratio"] < whole[0]["model_force_ratio"]
-
-
 @pytest.mark.parametrize(
     ("axes", "complaint"),
     [
@@ -140,51 +136,89 @@ def threads(*_: object) -> Iterator[tuple[Executor, int]]:
         yield executor, 2
 
 
-def told(palpate: Palpate, out: str, *options: str) -> dict[str, Any]:
-    """What a study says of which half the cells fail."""
-    Path("small.toml").write_text(STUDY, encoding="utf-8")
-    spoken = palpate("study", "small.toml", "--out", out, "--json", *options)
-    assert spoken.status == 1
-    outcome: dict[str, Any] = json.loads(spoken.out)
-    return outcome
-
-
 def test_the_second_call_computes_nothing_and_says_the_same(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(study_cell, "executor_of", threads)
-    first = told(palpate, "out")
-    assert first["simulated"] is True
+    Path("small.toml").write_text(STUDY, encoding="utf-8")
+    asked = ("study", "small.toml", "--out", "out")
+    spoken = palpate(*asked, "--json")
+    first = json.loads(spoken.out)
+    assert (spoken.status, first["simulated"], first["one_by_one"]) == (1, True, {})
     assert (first["cells"], first["done"], [each["cell"] for each in first["failed"]]) == (4, 4, [2, 3])
     assert "amplifier clips" in first["failed"][0]["reason"]
     assert first["results"][0]["force_ratio"] == pytest.approx(0.142, rel=0.1)
     monkeypatch.setattr(study_cell, "executor_of", lambda *_: pytest.fail("nothing is left to compute"))
-    assert told(palpate, "out") == first
-    assert first["one_by_one"] == {}
-    shown = palpate("study", "small.toml", "--out", "out").out  # as people are told
+    assert json.loads(palpate(*asked, "--json").out) == first
+    shown = palpate(*asked).out  # as people are told
     assert "cell 2 failed: " in shown and "mean force ratio" in shown and "out, 4 of 4 cells" in shown
 
 
-@pytest.mark.slow
-def test_two_processes_give_what_one_gives(palpate: Palpate) -> None:
-    two = told(palpate, "two", "--workers", "2")
-    assert told(palpate, "one", "--workers", "1")["digest"] == two["digest"]
-    assert Path("one/points.csv").read_bytes() == Path("two/points.csv").read_bytes()
-
-
 def test_what_is_wrong_is_told_before_anything_is_computed(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
-    Path("small.toml").write_text(STUDY.replace("thesis_single", "thesis_singel"), encoding="utf-8")
-    refused = palpate("study", "small.toml")
-    assert refused.status == 2
-    assert refused.complaint.startswith("unknown scene 'thesis_singel' (did you mean 'thesis_single'?)")
-    assert not Path("runs").exists()
-    assert palpate("study", "small.toml", "--workers", "0").status == 2
     Path("small.toml").write_text(STUDY, encoding="utf-8")
+    Path("wrong.toml").write_text(STUDY.replace("thesis_single", "thesis_singel"), encoding="utf-8")
     Path("lab").mkdir()
     Path("lab/plot.png").write_text("of a run")
-    assert "lab holds other files; choose a new or empty folder" in palpate("study", "small.toml", "--out", "lab").err
-    assert [path.name for path in Path("lab").iterdir()] == ["plot.png"]
-    with monkeypatch.context() as without:
-        without.setitem(sys.modules, "pyarrow", None)
-        assert "give: pip install 'palpate[parquet]'" in palpate("study", "small.toml", "--to", "parquet").complaint
-    assert not Path("runs").exists()
-    both = palpate("study", "small.toml", "--workers", "2", "--dask", "tcp://127.0.0.1:1")
-    assert both.complaint.startswith("--workers and --dask: the scheduler has workers of its own")
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    for words, complaint in (
+        (("wrong.toml",), "unknown scene 'thesis_singel' (did you mean 'thesis_single'?)"),
+        (("small.toml", "--out", "lab"), "lab holds other files; choose a new or empty folder"),
+        (("small.toml", "--to", "parquet"), "give: pip install 'palpate[parquet]'"),
+        (("small.toml", "--workers", "2", "--dask", "tcp://127.0.0.1:1"), "--workers and --dask: the scheduler has"),
+    ):
+        said = palpate("study", *words)
+        assert (said.status, complaint in said.complaint) == (2, True), said
+    assert palpate("study", "small.toml", "--workers", "0").status == 2
+    assert ([path.name for path in Path("lab").iterdir()], Path("runs").exists()) == (["plot.png"], False)
+
+
+# --- as a process --------------------------------------------------------------------------------------
+
+PATIENCE = 120.0  # s
+
+
+def kept(folder: Path) -> int:
+    with suppress(UsageError):  # not begun yet
+        return sum(map(len, stored(folder)[1]))
+    return 0
+
+
+def wait_for(true: Callable[[], bool]) -> None:
+    end = time.monotonic() + PATIENCE
+    while not true():
+        assert time.monotonic() < end
+        threading.Event().wait(0.05)
+
+
+def workers_of(group: int) -> list[str]:
+    """Processes that are left of a process group."""
+    left = []
+    for status in Path("/proc").glob("[0-9]*/stat"):
+        with suppress(OSError):
+            fields = status.read_text(encoding="utf-8").rpartition(")")[2].split()
+            if int(fields[2]) == group and fields[0] != "Z":
+                left.append(status.parent.name)
+    return left
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("number", "status"), [(signal.SIGINT, 130), (signal.SIGKILL, -9)])
+def test_a_stopped_study_keeps_its_cells_and_leaves_no_worker(
+    number: signal.Signals, status: int, tmp_path: Path
+) -> None:
+    file, folder = tmp_path / "study.toml", tmp_path / "out"
+    file.write_text('name = "large"\nloads = "2 N, 3 N"\n[axes]\nseed = "1-500000"\n', encoding="utf-8")
+    palpate = str(Path(sys.executable).with_name("palpate"))
+    command = [palpate, "study", str(file), "--workers", "1", "--out", str(folder)]
+    process = subprocess.Popen(command, stderr=subprocess.PIPE, text=True, start_new_session=True)
+    wait_for(lambda: kept(folder) >= 2)
+    before = kept(folder)
+    if number == signal.SIGINT:
+        os.killpg(process.pid, number)  # as a terminal does
+    else:
+        os.kill(process.pid, number)
+    _, said = process.communicate(timeout=PATIENCE)
+    after = kept(folder)
+    assert (process.returncode, before <= after < 500_000) == (status, True)
+    if number == signal.SIGINT:
+        told = f"{after} of 500000 cells are kept in {folder}; give the command again to go on"
+        assert said.lstrip() == f"palpate: interrupted\n{told}\n"
+    wait_for(lambda: not workers_of(process.pid))
