@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import resource
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -14,6 +14,7 @@ import pytest
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.contracts.declaration import Identity
 from palpate.procedures.records.run import Run
+from palpate.procedures.virtual.served_bench import Person
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import hasty
 from tests.drivers.benches import altered
@@ -21,10 +22,6 @@ from tests.procedures.conftest import Benches, Palpate, outputs
 
 SWEEP = ("sweep", "loads")
 SMALL = (*SWEEP, "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
-
-
-def nothing_in_runs() -> bool:
-    return not Path("runs").exists() or not list(Path("runs").iterdir())
 
 
 def bench_file(description: BenchDescription) -> str:
@@ -64,108 +61,81 @@ def test_an_absent_device_is_named(
     said = palpate(*SWEEP, "--bench", bench_file(altered(sim.description, **{form: {name: update}})))
     assert said.status == 1
     assert message in said.complaint
-    assert nothing_in_runs()
-
-
-def test_two_devices_of_one_number_on_a_line_are_refused(palpate: Palpate, lab: str, sim: SimulatedBench) -> None:
-    device = {**sim.description.device, "positioner": {"kind": "positioner", "link": "line", "unit": 1}}
-    said = palpate(*SWEEP, "--bench", bench_file(sim.description.model_copy(update={"device": device})))
-    assert (said.status, said.complaint) == (
-        2, "lab.toml: strain_indicator and positioner both have the address 1 on line; correct one",
-    )  # fmt: skip
-    assert nothing_in_runs()
-
-
-def other_identity(sim: SimulatedBench) -> None:
-    stranger = replace(sim.generator.contract, identity=Identity("Acme", "G-9", "1.0"))
-    sim.generator.contract = stranger  # type: ignore[misc]
-
-
-def other_word_order(sim: SimulatedBench) -> None:
-    sim.amplifier.settings["probe"] = float(0x56781234)
-
-
-def other_node(sim: SimulatedBench) -> None:
-    sim.nodes[0].settings["product"] += 1
-
-
-def other_byte_order(sim: SimulatedBench) -> None:
-    sim.nodes[0].settings["probe"] = float(0x78563412)
+    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize(
-    ("doctor", "message"),
+    ("device", "setting", "value", "message"),
     [
-        (other_identity, "identifies itself as Acme G-9 1.0, the contract is for Palpate SG-1 1.0"),
-        (other_word_order, "word-order probe reads 0x56781234, should read 0x12345678"),
-        (other_node, "sensor node 1 at virtual:"),
-        (other_byte_order, "byte-order probe reads 0x78563412"),
+        ("generator", "", 0.0, "identifies itself as Acme G-9 1.0, the contract is for Palpate SG-1 1.0"),
+        ("amplifier", "probe", 0x56781234, "word-order probe reads 0x56781234, should read 0x12345678"),
+        ("node", "product", 1.0, "sensor node 1 at virtual:"),
+        ("node", "probe", 0x78563412, "byte-order probe reads 0x78563412"),
     ],
 )
 def test_a_device_of_another_identity_or_word_order_is_refused(
-    palpate: Palpate, benches: Benches, doctor: Callable[[SimulatedBench], None], message: str
+    palpate: Palpate, benches: Benches, device: str, setting: str, value: float, message: str
 ) -> None:
+    def doctor(sim: SimulatedBench) -> None:
+        if setting:
+            {"amplifier": sim.amplifier, "node": sim.nodes[0]}[device].settings[setting] = float(value)
+        else:
+            stranger = replace(sim.generator.contract, identity=Identity("Acme", "G-9", "1.0"))
+            sim.generator.contract = stranger  # type: ignore[misc]
+
     benches.doctor = doctor  # type: ignore[method-assign]
     said = palpate(*SWEEP)
-    assert said.status == 1
-    assert message in said.complaint
-    assert nothing_in_runs()
-
-
-LINE, GENERATOR, AMPLIFIER, NODE = range(4)
+    assert (said.status, message in said.complaint) == (1, True)
+    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize(
-    ("cut", "message", "left_on", "told"),
+    ("fault", "message", "left_on"),
     [
-        pytest.param(LINE, "strain indicator at ", (False, False), False, marks=pytest.mark.slow),  # time-outs
-        (GENERATOR, "signal generator at ", (False, True), True),
-        (AMPLIFIER, "shaker amplifier at ", (False, False), True),  # its watchdog has seen to it
-        pytest.param(NODE, "sensor node 1 at ", (False, False), False, marks=pytest.mark.slow),
+        pytest.param("line silence", "strain indicator at ", (False, False), marks=pytest.mark.slow),  # time-outs
+        ("signal_generator connection_refused", "signal generator at ", (False, True)),
+        ("shaker_amplifier connection_refused", "shaker amplifier at ", (False, False)),  # its watchdog sees to it
+        pytest.param("can bus_off", "sensor node 1 at ", (False, False), marks=pytest.mark.slow),
     ],
-    ids=["line", "generator", "amplifier", "node"],
 )
 def test_a_device_cut_off_in_the_middle_ends_the_run_with_the_other_outputs_off(
-    palpate: Palpate, benches: Benches, on_progress: Any,
-    cut: int, message: str, left_on: tuple[bool, bool], told: bool,
-) -> None:  # fmt: skip
+    palpate: Palpate, benches: Benches, on_progress: Any, fault: str, message: str, left_on: tuple[bool, bool]
+) -> None:
+    """An output that cannot be reached is left to the amplifier's watchdog, and that is said."""
+
     def shorten(sim: SimulatedBench) -> None:
         sim.description = hasty(sim.description)
 
     def progress(done: int, _total: int, what: str) -> None:
-        if (done, what) != (1, "sample 1, 3 N"):
-            return
-        if cut == NODE:
-            can = benches[0].can
-            can._network.unsubscribe(can._local[1].sdo.rx_cobid)
-        else:
-            benches[0].servers._open[cut].close()
+        if (done, what) == (1, "sample 1, 3 N"):
+            Person(benches[0]).do(f"fault {fault}")
 
     benches.doctor = shorten  # type: ignore[method-assign]
     on_progress(progress)
     said = palpate(*SMALL, "--out", "day", "--json")
-    assert said.status == 1
-    assert said.complaint.startswith(message)
+    assert (said.status, said.complaint.startswith(message)) == (1, True), said.err
     assert f"points already taken are kept in {Path('day').absolute()}" in said.err
-    # an output that cannot be reached is left to the amplifier's watchdog, and that is said
     assert outputs(benches[0])[:2] == left_on
-    assert ("outputs could not all be switched off" in said.err) is told
+    assert ("outputs could not all be switched off" in said.err) is ("refused" in fault)
     run = Run.open(Path("day"))
-    assert [p["load_N"] for p in run.points()] == [2.0]
-    assert run.status == "failed"
+    assert (run.status, [p["load_N"] for p in run.points()]) == ("failed", [2.0])
 
 
 # --- the disk ------------------------------------------------------------------------------------------
 
 
-def test_a_second_run_in_the_same_folder_is_refused(palpate: Palpate, benches: Benches) -> None:
+def test_a_second_run_in_the_same_folder_or_one_among_other_files_is_refused(
+    palpate: Palpate, benches: Benches
+) -> None:
+    Path("mine").mkdir()
+    Path("mine/bench.toml").write_text("precious")
     assert palpate(*SMALL, "--out", "day", "--quiet").status == 0
-    before = {path: path.read_bytes() for path in Path("day").iterdir()}
+    before = {path: path.read_bytes() for folder in ("day", "mine") for path in Path(folder).iterdir()}
     for command in (SWEEP, ("calibrate", "load-cell")):
-        said = palpate(*command, "--out", "day")
-        assert said.status == 2
-        assert said.complaint == "day already holds a run; choose another --out"
-    assert {path: path.read_bytes() for path in Path("day").iterdir()} == before
+        for out, why in (("day", "day already holds a run; choose another --out"), ("mine", "mine holds other files")):
+            said = palpate(*command, "--out", out)
+            assert (said.status, said.complaint.startswith(why)) == (2, True)
+    assert {path: path.read_bytes() for folder in ("day", "mine") for path in Path(folder).iterdir()} == before
     assert len(benches) == 1
 
 
@@ -185,4 +155,4 @@ def test_a_disk_that_is_full_from_the_start_leaves_nothing(palpate: Palpate) -> 
         said = palpate(*SMALL)
     assert said.status == 1
     assert "cannot write" in said.complaint
-    assert nothing_in_runs()
+    assert not Path("runs").exists()

@@ -7,6 +7,9 @@ from pathlib import Path
 
 import pytest
 
+from palpate.instrument.calibration.files import write_calibration
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.simulators.scenes.heads import shipped
 from tests.instrument.test_map_files import TRANSMITTER
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
@@ -16,26 +19,7 @@ NO_TEXT = os.fsdecode(b"\xff")
 LONG = 300 * "x"
 
 
-def nothing_in_runs() -> bool:
-    return not Path("runs").exists() or not list(Path("runs").iterdir())
-
-
 # --- texts ---------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("words", "remedy"),
-    [
-        (("model", "modulus", "--force-ratio", "x"), "'x' is not a quantity; write for example '0.3'"),
-        (("test", "modulus", "--sample", "1", "--strain", "x"), "quantity; write for example '30 %'"),
-        (("sweep", "frequency", "--frequencies", "1 Hz:9 Hz:x"), "quantity; write for example '16'"),
-        (("calibrate", "load-cell", "--positions", "x"), "--positions: 'x' is not a quantity; write for example '120'"),
-    ],
-)
-def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], remedy: str, palpate: Palpate) -> None:
-    said = palpate(*words)
-    assert said.status == 2
-    assert said.complaint.endswith(remedy)
 
 
 @pytest.mark.parametrize(
@@ -89,66 +73,42 @@ def test_the_example_of_a_plain_number_is_one_of_use(words: tuple[str, ...], rem
 )
 def test_a_bad_text_is_refused(palpate: Palpate, option: str, text: str, message: str) -> None:
     said = palpate(*SWEEP, option, text)
-    assert said.status == 2
-    assert message in said.complaint
-    assert nothing_in_runs()
+    assert (said.status, message in said.complaint) == (2, True), said.err
+    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize(
-    "arguments",
+    ("words", "status", "message"),
     [
-        ("--seed", "-1"),
-        ("--seed", "x"),
-        ("--sample", "1"),
-        ("--out", ""),
-        ("--bench", ""),
-        ("extra",),
+        (("model", "modulus", "--force-ratio", "x"), 2, "'x' is not a quantity; write for example '0.3'"),
+        (("test", "modulus", "--sample", "1", "--strain", "x"), 2, "quantity; write for example '30 %'"),
+        (("sweep", "frequency", "--frequencies", "1 Hz:9 Hz:x"), 2, "quantity; write for example '16'"),
+        (("calibrate", "load-cell", "--positions", "x"), 2, "--positions: 'x' is not a quantity; write for example '1"),
+        *(((*SWEEP, *words), 2, "Error: ") for words in (
+            ("--seed", "-1"), ("--seed", "x"), ("--sample", "1"), ("--out", ""), ("--bench", ""), ("extra",)
+        )),
+        *((words, 1, "File name too long") for words in (
+            (*SWEEP, "--out", LONG), (*SWEEP, "--scene", LONG), ("runs", "show", LONG), ("runs", "list", "--out", LONG),
+            ("runs", "export", LONG, "--to", "csv"),
+        )),
+        *(
+            (("runs", *command, name), 2, "unknown run")
+            for command in (("show",), ("export", "--to", "csv")) for name in ("none", "", NO_TEXT)
+        ),
+        *(
+            ((*SWEEP, "--bench", "lab.toml", *option), 2, f"{option[0]}: only for a simulated bench")
+            for option in (("--scene", "thesis_single"), ("--seed", "1"), ("--model", "beam"))
+        ),
+        (("runs", "list", "--out", "nowhere"), 2, "nowhere is no folder; name one that holds runs with --out"),
     ],
-)
-def test_what_click_refuses_is_a_usage_error_too(palpate: Palpate, arguments: tuple[str, ...]) -> None:
-    said = palpate(*SWEEP, *arguments)
-    assert (said.status, said.out) == (2, "")
-    assert "Error: " in said.err
-    assert nothing_in_runs()
-
-
-@pytest.mark.parametrize(
-    "arguments",
-    [
-        (*SWEEP, "--out", LONG),
-        (*SWEEP, "--scene", LONG),
-        ("runs", "show", LONG),
-        ("runs", "list", "--out", LONG),
-        ("runs", "export", LONG, "--to", "csv"),
-    ],
-    ids=" ".join,
-)
-def test_a_name_too_long_for_a_file_is_one_message(palpate: Palpate, arguments: tuple[str, ...]) -> None:
-    said = palpate(*arguments)
-    assert said.status == 1
-    assert "File name too long" in said.complaint
-
-
-@pytest.mark.parametrize("command", [("show",), ("export", "--to", "csv")])
-@pytest.mark.parametrize("name", ["none", "", NO_TEXT])
-def test_an_unknown_run_is_refused(palpate: Palpate, command: tuple[str, ...], name: str) -> None:
-    said = palpate("runs", *command, name)
-    assert said.status == 2
-    assert "unknown run" in said.complaint
-
-
-@pytest.mark.parametrize("option", [("--scene", "thesis_single"), ("--seed", "1"), ("--model", "beam")])
-def test_a_bench_file_excludes_what_only_a_scene_has(palpate: Palpate, lab: str, option: tuple[str, str]) -> None:
-    said = palpate(*SWEEP, "--bench", lab, *option)
-    assert said.status == 2
-    assert f"{option[0]}: only for a simulated bench" in said.complaint
-    assert nothing_in_runs()
-
-
-def test_a_list_of_runs_in_no_folder_is_refused(palpate: Palpate) -> None:
-    said = palpate("runs", "list", "--out", "nowhere")
-    assert said.status == 2
-    assert said.complaint == "nowhere is no folder; name one that holds runs with --out"
+)  # fmt: skip
+def test_a_command_that_cannot_be_is_refused_and_leaves_nothing(
+    palpate: Palpate, lab: str, words: tuple[str, ...], status: int, message: str
+) -> None:
+    said = palpate(*words)
+    assert (said.status, said.out, message in said.err) == (status, "", True), said.err
+    assert "Traceback" not in said.err
+    assert [path.name for path in Path().iterdir()] == [lab]
 
 
 # --- files ---------------------------------------------------------------------------------------------
@@ -177,9 +137,8 @@ def test_a_missing_or_malformed_file_is_refused(
     if content is not None:
         Path("my.toml").write_bytes(content)
     said = palpate(*SWEEP, option, "my.toml")
-    assert said.status == 2
-    assert f"my.toml: {message}" in said.complaint
-    assert nothing_in_runs()
+    assert (said.status, f"my.toml: {message}" in said.complaint) == (2, True), said.err
+    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize(
@@ -226,10 +185,9 @@ def test_a_file_with_a_byte_order_mark_is_read_as_without(
 def test_a_wrong_key_of_a_scene_is_named(palpate: Palpate, addition: str, message: str) -> None:
     Path("my.toml").write_text(f"{IDEAL_SCENE}{addition}\n", encoding="utf-8")
     said = palpate(*SWEEP, "--scene", "my.toml")
-    assert said.status == 2
+    assert (said.status, message in said.complaint) == (2, True), said.err
     assert said.complaint.startswith("my.toml: ")
-    assert message in said.complaint
-    assert nothing_in_runs()
+    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize(
@@ -248,7 +206,51 @@ def test_a_wrong_key_of_a_bench_file_is_named(palpate: Palpate, lab: str, old: s
     assert old in text
     Path(lab).write_text(text.replace(old, new), encoding="utf-8")
     said = palpate(*SWEEP, "--bench", lab)
+    assert (said.status, message in said.complaint) == (2, True), said.err
+    assert not Path("runs").exists()
+
+
+# --- files of another kind: one line, not a list of all their keys --------------------------------------
+
+BENCH = """name = "lab"
+force_limit = "10 N"
+[link.line]
+kind = "modbus-rtu"
+port = "/dev/none"
+"""
+
+
+@pytest.fixture
+def files(palpate: Palpate) -> None:
+    Path("bench.toml").write_text(BENCH, encoding="utf-8")
+    Path("scene.toml").write_bytes(shipped()["thesis_single"].read_bytes())
+    Path("study.toml").write_bytes((Path(__file__).parents[1] / "examples" / "study.toml").read_bytes())
+    write_calibration(Path("cell.toml"), THESIS_LOAD_CELL)
+
+
+@pytest.mark.usefixtures("files")
+@pytest.mark.parametrize(
+    ("words", "message"),
+    [
+        (
+            ("calibrate", "accept", "bench.toml"),
+            "bench.toml: is no calibration of a load cell: it has force_limit, link, name,",
+        ),
+        (("calibrate", "accept", "scene.toml"), "scene.toml: is no calibration of a load cell: it has design, "),
+        (("sweep", "loads", "--bench", "scene.toml"), "scene.toml: is no bench: it has "),
+        (("sweep", "loads", "--bench", "cell.toml"), "cell.toml: is no bench: it has astm_e74, "),
+        (
+            ("sweep", "loads", "--scene", "bench.toml"),
+            "bench.toml: is no scene: it has force_limit, link, and it l",
+        ),
+        (("sweep", "loads", "--scene", "study.toml"), "study.toml: is no scene: it has axes, "),
+        (("study", "bench.toml"), "bench.toml: is no study: it has force_limit, link, and it lacks axes; give"),
+        (("study", "cell.toml"), "cell.toml: is no study: it has astm_e74, "),
+        (("runs", "show", "bench.toml"), "bench.toml is a file, and no run; give the folder of a run"),
+    ],
+)
+def test_a_file_of_another_kind_is_named_as_such(palpate: Palpate, words: tuple[str, ...], message: str) -> None:
+    said = palpate(*words)
     assert said.status == 2
-    assert f"{lab}: " in said.complaint
-    assert message in said.complaint
-    assert nothing_in_runs()
+    assert said.complaint.startswith(message)
+    assert len(said.complaint.splitlines()) == 1

@@ -16,7 +16,6 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import PriceLine, Weight
 from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
-from tests.shares import first_of
 
 NOISY = IDEAL_SCENE + '\n[effects.white_noise]\ndensity = "20 µV/√Hz"\n'
 PLAYED = NOISY + '\n[effects.hysteresis]\nweights = [0.1]\nradii = ["50 mN"]\n'
@@ -29,20 +28,15 @@ PRICES = {
 
 
 @pytest.fixture
-def unbounded(monkeypatch: pytest.MonkeyPatch) -> None:
+def cheap(monkeypatch: pytest.MonkeyPatch) -> None:
     """Bounds of what is left out take most of a plan's time, and prices the rest."""
     monkeypatch.setattr(planning, "omissions", lambda *_: ([], []))
     monkeypatch.setattr(explained, "priced", lambda *_: PRICES)
 
 
-@pytest.fixture
-def unmeasured(monkeypatch: pytest.MonkeyPatch) -> None:
+def unweighed(scene: Scene, _question: Question, more: Sequence[str], _progress: object) -> list[Weight]:
     """What effects change takes a part of the time that only some tests look at."""
-
-    def unknown(scene: Scene, _question: Question, more: Sequence[str], _progress: object) -> list[Weight]:
-        return [Weight(name, None, None) for name in (*scene.effects, *more)]
-
-    monkeypatch.setattr(explained, "weigh", unknown)
+    return [Weight(name, None, None) for name in (*scene.effects, *more)]
 
 
 # --- what is said --------------------------------------------------------------------------------------
@@ -56,64 +50,45 @@ def test_the_object_holds_path_cost_effects_in_and_effects_out_with_their_bounds
         "steady", "price", "faults", "measured", "unmeasured",
     }  # fmt: skip
     assert (found["scene"], found["model"], found["mark"]) == ("thesis_single", "experiment", 1e-4)
-    assert (found["path"], found["transitions"]) == ("closed form", 0.0)
+    assert (found["path"], found["transitions"], found["steady"]) == ("closed form", 0.0, None)
     assert found["why"] == "it is proven for each limit of the bench that the drive does not reach it"
-    assert [each["name"] for each in found["included"]] == list(read_scene("thesis_single").effects)
-    for each in found["included"]:
-        assert set(each) == {"name", "kind", "cancels_in_ratio", "why"}
-        assert (each["kind"], each["why"]) == (effect_class(each["name"]).kind, "called for")
+    own = read_scene("thesis_single").effects
+    assert [(each["name"], each["kind"], each["why"]) for each in found["included"]] == [
+        (name, effect_class(name).kind, "called for") for name in own
+    ]
     assert 0 < found["price"]["u_a_s"] < found["price"]["a_s"]
     bounds = {each["name"]: (each["force"], each["ratio"]) for each in found["omitted"]}
-    assert set(bounds) == set(EFFECTS) - set(read_scene("thesis_single").effects)
+    assert set(bounds) == set(EFFECTS) - set(own)
     assert all(0 <= bounds[name][k] < 1 for name in ("off_axis", "glue_clamping") for k in (0, 1))
     assert bounds["can_timing"] == (0.0, 0.0)
     assert bounds["end_stops"] == (None, None)  # 4 N takes the armature further than 8 mm
-    assert found["steady"] is None
     measured = {each["name"]: each for each in found["measured"]}
     assert set(measured) == set(EFFECTS)
     assert measured["gain_scatter"]["ratio"] == pytest.approx(0.041, rel=0.5)  # the ratio's scatter, of a few draws
     assert measured["load_cell"]["ratio"] is measured["load_cell"]["price"] is None  # the films do not show it
-    for name, (force, ratio) in bounds.items():
-        for change, most in ((measured[name]["force"], force), (measured[name]["ratio"], ratio)):
-            assert change is None or most is None or change <= most + 1e-12, name
+    for name, most in bounds.items():
+        changes = zip((measured[name]["force"], measured[name]["ratio"]), most, strict=True)
+        assert all(change is None or limit is None or change <= limit + 1e-12 for change, limit in changes), name
 
 
-@pytest.mark.usefixtures("unmeasured")
-def test_faults_are_told(palpate: Palpate, tmp_path: Path) -> None:
-    path = tmp_path / "faulty.toml"
-    head = 'name = "f"\npurpose = "One fault."\ndesign = "single"\n[effects.adc]\n'
-    path.write_text(head + '[[fault]]\non = "sensor_node_1"\nkind = "node_reboot"\nat = "3 s"\n', encoding="utf-8")
-    assert "fault: on sensor_node_1, kind node_reboot, at 3 s" in palpate("scene", "explain", str(path)).out
-    (fault,) = palpate("scene", "explain", str(path), "--json").object["faults"]
-    assert fault["kind"] == "node_reboot"
-
-
-@pytest.mark.usefixtures("unmeasured")
-def test_the_text_marks_bounds_above_the_given_change_and_no_others(palpate: Palpate) -> None:
+def test_the_text_marks_bounds_above_the_given_change_and_no_others(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(explained, "weigh", unweighed)
     Path("quiet.toml").write_text(NOISY)
     for mark, marked in (("1e-4", True), ("0.5", False)):
         spoken = palpate("scene", "explain", "quiet.toml", "--mark", mark).out
         assert f"(* above {float(mark):g})" in " ".join(spoken.split())
-        (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["off_axis"]]
-        assert ("*" in line) is marked
-        (line,) = [line for line in spoken.splitlines() if line.split()[:1] == ["end_stops"]]
-        assert line.split()[:4] == ["end_stops", "static_nl", "0.0e+00", "0.0e+00"]
+        lines = {line.split()[0]: line for line in spoken.splitlines() if line.split()}
+        assert ("*" in lines["off_axis"]) is marked
+        assert lines["end_stops"].split()[:4] == ["end_stops", "static_nl", "0.0e+00", "0.0e+00"]
 
 
-@pytest.mark.parametrize("question", first_of(["--dwell 10ms", "--frequency 200Hz"]))
-def test_no_bound_is_given_of_a_dwell_that_no_sine_can_be_fitted_to(palpate: Palpate, question: str) -> None:
-    Path("quiet.toml").write_text(NOISY)
-    found = palpate("scene", "explain", "quiet.toml", *question.split(), "--json").object
-    assert all(each["ratio"] is None for each in found["measured"]) == bool(found["unmeasured"])
-    omitted = found["omitted"]
-    bounds = {each["name"]: (each["force"], each["ratio"]) for each in omitted}
-    assert bounds["mains_hum"] == bounds["off_axis"] == bounds["charge_amplifier"] == (None, None)
-    assert bounds["can_timing"] == (0.0, 0.0)
-
-
-@pytest.mark.usefixtures("unbounded")
-def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason(palpate: Palpate) -> None:
-    Path("played.toml").write_text(PLAYED)
+@pytest.mark.usefixtures("cheap")
+def test_the_text_says_path_reason_time_what_is_in_with_kind_cost_and_reason_and_the_faults(palpate: Palpate) -> None:
+    auto = '\n[effects.off_axis]\nwhen = "auto"\nangle = "30 deg"\n'
+    fault = '[[fault]]\non = "sensor_node_1"\nkind = "node_reboot"\nat = "3 s"\n'
+    Path("played.toml").write_text(PLAYED + auto + fault)
     spoken = palpate("scene", "explain", "played.toml", "--prices").out
     assert "path: transitions: play operators move" in spoken
     words = " ".join(spoken.split())
@@ -123,15 +98,18 @@ def test_the_text_says_path_reason_time_and_what_is_in_with_kind_cost_and_reason
         lines.setdefault(line[0], line)  # the column on its own, of a table that is wider than 80, comes later
     assert lines["hysteresis"][1:4] == ["hysteresis", "no", "0.0e+00"] and float(lines["hysteresis"][4]) > 1e-3
     assert lines["white_noise"][1:3] == ["additive", "no"] and 0 < float(lines["white_noise"][3]) < 1e-2
-    assert lines["hysteresis"][5:7] == ["7.2", "13"]
-    assert lines["white_noise"][5:8] == ["<", "0.3", "8"]
-    assert lines["adc"][5:7] == ["-", "-"]
-    assert any(line.split()[:1] == ["adc"] and line.rstrip().endswith("called for") for line in spoken.splitlines())
-    assert "settled" not in spoken
+    prices = [lines["hysteresis"][5:7], lines["white_noise"][5:8], lines["adc"][5:7]]
+    assert prices == [["7.2", "13"], ["<", "0.3", "8"], ["-", "-"]]
+    assert "fault: on sensor_node_1, kind node_reboot, at 3 s" in spoken and "settled" not in spoken
     assert palpate("scene", "explain", "played.toml", "--quiet").out == ""
+    found = palpate("scene", "explain", "played.toml", "--json").object
+    why = {each["name"]: each["why"] for each in found["included"]}
+    assert why["adc"] == "called for"
+    assert why["off_axis"].startswith("can change force by 0.1") and why["off_axis"].endswith("above 0.0001")
+    assert [each["kind"] for each in found["faults"]] == ["node_reboot"]
 
 
-@pytest.mark.usefixtures("unbounded")
+@pytest.mark.usefixtures("cheap")
 def test_the_settled_state_is_shown_with_force_and_ratio_of_each_film_where_it_is_asked_for(palpate: Palpate) -> None:
     Path("played.toml").write_text(PLAYED)
     asked = ("scene", "explain", "played.toml", "--sample", "1", "--load", "2 N", "--steady")
@@ -146,26 +124,13 @@ def test_the_settled_state_is_shown_with_force_and_ratio_of_each_film_where_it_i
     assert f"{1e3 * rigid['amplitude']:.6g}" in spoken and f"{rigid['ratio']:.6g}" in spoken
 
 
-@pytest.mark.usefixtures("unbounded")
-def test_why_an_automatic_effect_is_in_is_said(palpate: Palpate) -> None:
-    Path("auto.toml").write_text(IDEAL_SCENE + '\n[effects.off_axis]\nwhen = "auto"\nangle = "30 deg"\n')
-    (adc, off_axis) = sorted(
-        palpate("scene", "explain", "auto.toml", "--json").object["included"], key=lambda each: str(each["name"])
-    )
-    assert adc["why"] == "called for"
-    assert off_axis["why"].startswith("can change force by 0.1") and off_axis["why"].endswith("above 0.0001")
-
-
-@pytest.mark.usefixtures("unbounded")
+@pytest.mark.usefixtures("cheap")
 def test_a_signal_below_20_steps_with_little_noise_is_a_warning_and_with_strict_an_error(palpate: Palpate) -> None:
     Path("few.toml").write_text(IDEAL_SCENE)
     small = ("scene", "explain", "few.toml", "--load", "0.5 N")
-    spoken = palpate(*small)
-    assert spoken.status == 0
-    assert "warning: film 'rigid': amplitude" in spoken.out
-    refused = palpate(*small, "--strict")
-    assert refused.status == 2
-    assert "scene 'few.toml': film 'rigid': amplitude" in refused.complaint
+    spoken, refused = palpate(*small), palpate(*small, "--strict")
+    assert (spoken.status, "warning: film 'rigid': amplitude" in spoken.out) == (0, True)
+    assert (refused.status, "scene 'few.toml': film 'rigid': amplitude" in refused.complaint) == (2, True)
     Path("quiet.toml").write_text(NOISY)
     assert palpate("scene", "explain", "quiet.toml", "--strict").status == 0
 

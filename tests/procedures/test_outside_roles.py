@@ -22,7 +22,6 @@ from palpate.procedures.lab.chosen import Chosen
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
-from palpate.procedures.testing.wire import Traffic
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
@@ -51,22 +50,6 @@ def ratio(result: SweepResult) -> float:
     assert point.valid
     assert point.load_N == pytest.approx(2.0, rel=0.02)
     return point.force_ratio
-
-
-def test_a_failed_test_tells_what_a_drive_said_with_its_own_names() -> None:
-    with installed("drive"):
-        scene = read_scene("thesis_single").with_devices({"shaker": {"kind": "acme-drive"}})
-        with SimulatedBench(scene) as sim:
-            bench = Bench(sim.description, sim.clock, sim.operator)
-            traffic = Traffic(bench)
-            with bench:
-                bench.role(Exciter).drive()
-                bench.device("sensor_node_1").acquire(0.01)
-                told = traffic.report()
-    assert "torque drive 2: NMT OPERATIONAL" in told
-    assert "torque drive 2: send controlword = on, amplitude = 0 V" in told
-    assert "statusword = " in told
-    assert "sensor node 2" not in told
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import os
 import subprocess
 import sys
 from pathlib import Path
@@ -158,50 +157,47 @@ def test_a_marker_that_names_nothing_is_a_usage_error(marker: str, complaint: st
 
 def test_a_worker_fails_the_test_whose_marker_names_nothing(pytester: pytest.Pytester) -> None:
     pytester.makeconftest("def pytest_configure(config): config.workerinput = {}")
-    result = run(
-        pytester,
-        """
-@pytest.mark.scene("noisy_lap")
-def test_wrong(bench): pass
-
-def test_right(): pass
-""",
-    )
+    wrong = '@pytest.mark.scene("noisy_lap")\ndef test_wrong(bench): pass\ndef test_right(): pass'
+    result = run(pytester, wrong)
     result.assert_outcomes(errors=1, passed=1)
     result.stdout.fnmatch_lines(["*::test_wrong: marker scene: unknown scene 'noisy_lap'*"])
     assert "Traceback" not in "\n".join(result.outlines)
 
 
-def test_a_bench_file_that_is_missing_is_a_usage_error(pytester: pytest.Pytester) -> None:
-    result = run(pytester, "def test_any(bench): pass", "--bench=absent.toml")
-    assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: --bench: *absent.toml*"])
-
-
-def test_a_real_bench_is_not_shared_by_workers(pytester: pytest.Pytester) -> None:
+@pytest.mark.parametrize(
+    ("options", "complaint"),
+    [
+        (("-n2", "--bench=lab.toml"), "ERROR: --bench lab.toml: one bench cannot serve several workers; give -n0"),
+        (("--bench=absent.toml", *ALONE), "ERROR: --bench: *absent.toml*"),
+    ],
+)
+def test_a_real_bench_that_workers_would_share_or_whose_file_is_missing_is_a_usage_error(
+    options: tuple[str, ...], complaint: str, pytester: pytest.Pytester
+) -> None:
     pytester.makepyfile("def test_any(bench): pass")
-    result = pytester.runpytest_inprocess("-n2", "--bench=lab.toml")
+    result = pytester.runpytest_inprocess(*options)
     assert result.ret == pytest.ExitCode.USAGE_ERROR
-    result.stderr.fnmatch_lines(["ERROR: --bench lab.toml: one bench cannot serve several workers; give -n0"])
+    result.stderr.fnmatch_lines([complaint])
 
 
 STORES = """
 import os
+from pathlib import Path
 import palpate
 
-def test_what_is_stored_elsewhere_is_not_used_and_here_it_is_kept(tmp_path):
+def test_what_is_stored_elsewhere_is_not_used_and_here_it_is_kept(tmp_path, worker_id):
     with palpate.open_bench(scene="ideal") as bench:
         before = palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.2), bench, out=tmp_path / "before")
         made = palpate.run(palpate.LoadCellSeries(loads=(1.5, 4.0, 7.0)), bench)
         after = palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0,), dwell=0.2), bench, out=tmp_path / "after")
     assert before.outcome["calibration"] == "thesis Table 5.1"
     assert after.outcome["calibration"] == made.folder.name
-    print("store", os.environ["PALPATE_STORE"])
+    (Path(__file__).parent / worker_id).write_text(os.environ["PALPATE_STORE"])
 """
 
 
 @pytest.mark.slow
-def test_a_run_of_tests_has_a_store_of_its_own_and_leaves_the_callers_alone(
+def test_a_run_of_tests_has_a_store_of_its_own_in_each_worker_and_leaves_the_callers_alone(
     pytester: pytest.Pytester, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     callers = pytester.path / "callers"
@@ -209,25 +205,13 @@ def test_a_run_of_tests_has_a_store_of_its_own_and_leaves_the_callers_alone(
     with palpate.open_bench(scene="ideal") as bench:
         palpate.run(palpate.LoadCellSeries(loads=(1.5, 4.0, 7.0)), bench)
     before = sorted(callers.rglob("*"))
-    results = [run(pytester, STORES, "-s") for _ in range(2)]
-    stores = set()
-    for result in results:
-        result.assert_outcomes(passed=1)
-        stores |= {line.split()[-1] for line in result.outlines if "store " in line}
-    assert len(stores) == 2  # one for each
-    assert not any(Path(store).exists() for store in stores)
-    assert (os.environ["PALPATE_STORE"], sorted(callers.rglob("*"))) == (str(callers), before)
-
-
-@pytest.mark.slow
-def test_each_worker_has_a_store_of_its_own(pytester: pytest.Pytester) -> None:
-    """Each of two workers runs the test and leaves the name of its store."""
-    test = "def test_it(worker_id): (Path(__file__).parent / worker_id).write_text(os.environ['PALPATE_STORE'])"
-    pytester.makepyfile(f"import os\nfrom pathlib import Path\n{test}")
+    pytester.makepyfile(STORES)
     pytester.makefile(".ini", pytest="")
     assert pytester.runpytest_subprocess(*ALONE, "-p", "xdist", "--tx", "2*popen", "--dist", "each").ret == 0
     one, other = ((pytester.path / worker).read_text() for worker in ("gw0", "gw1"))
     assert one != other
+    assert not Path(one).exists() and not Path(other).exists()
+    assert sorted(callers.rglob("*")) == before
 
 
 def test_the_plugin_costs_nothing_where_it_is_not_used() -> None:

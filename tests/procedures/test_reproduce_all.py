@@ -123,17 +123,14 @@ def weighed() -> LoadCellResult:
 # --- rows ----------------------------------------------------------------------------------------------
 
 
-def test_an_error_is_a_percentage_of_the_theory_and_of_the_experiment_whichever_is_ours() -> None:
-    assert row(0.2, 0.25, None).errors() == pytest.approx((-20.0, -25.0))
-    assert row(0.2, 0.25, None, measured=False).errors() == pytest.approx((25.0, 20.0))
-    assert row(0.0, 0.25, None).errors() == (-100.0, None)
-
-
-def test_a_row_is_within_two_standard_uncertainties_and_without_any_it_is_not_judged() -> None:
+def test_a_row_is_within_two_standard_uncertainties_and_its_error_a_percentage_of_theory_and_of_experiment() -> None:
+    """Whichever of the two is ours."""
     assert [row(1.0, ours, 0.1).within for ours in (1.19, 1.21, 0.81, 0.79, math.nan)] == [
         True, False, True, False, False,
     ]  # fmt: skip
     assert row(1.0, 2.0, None).within is None
+    errors = [row(*each).errors() for each in ((0.2, 0.25, None), (0.2, 0.25, None, False), (0.0, 0.25, None))]
+    assert errors == [pytest.approx((-20.0, -25.0)), pytest.approx((25.0, 20.0)), (-100.0, None)]
 
 
 # --- experiments ---------------------------------------------------------------------------------------
@@ -221,14 +218,11 @@ def test_every_solution_that_is_needed_is_kept_and_is_what_the_model_gives(monke
 
 
 def test_a_changed_design_is_solved_anew(tmp_path: Path) -> None:
-    case = CurveCase("single", "axisymmetric", "identified")
-    changed = replace(case.parameters_at(1e5), tooth_radius=1.3e-3)
-    kept = Solutions({}, {})
-    assert kept.of(case.parameters_at(1e5), "mesh 1", lambda: [1.0]) == [1.0]
-    assert kept.of(changed, "mesh 1", lambda: [2.0]) == [2.0]
+    case, kept = CurveCase("single", "axisymmetric", "identified"), Solutions({}, {})
+    usual, changed = case.parameters_at(1e5), replace(case.parameters_at(1e5), tooth_radius=1.3e-3)
+    assert [kept.of(each, "mesh 1", lambda n=n: [n]) for n, each in ((1.0, usual), (2.0, changed))] == [[1.0], [2.0]]
     again = Solutions(json.loads(kept.write(tmp_path).read_text(encoding="utf-8")))
-    assert again.of(changed, "mesh 1", lambda: [3.0]) == [2.0]
-    assert again.of(changed, "mesh 2", lambda: [3.0]) == [3.0]
+    assert [again.of(changed, mesh, lambda: [3.0]) for mesh in ("mesh 1", "mesh 2")] == [[2.0], [3.0]]
 
 
 # --- the oscilloscope ----------------------------------------------------------------------------------
@@ -255,19 +249,18 @@ def test_what_is_measured_is_recorded_and_an_interruption_keeps_what_is_done(
     palpate: Palpate, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     def run(done: Everything, seed: int | None, _progress: object) -> None:
-        table = RowTable("5.5", "one sensor", "", (row(1.0, 1.0, 0.1),))
-        done.tables.append((table, table.write(done.models.folder)))
+        done.tables.append((found := table(row(1.0, 1.0, 0.1)), found.write(done.models.folder)))
         with everything.recorded(done.models.folder, seed, "ideal", "sweep-loads") as session:
             session.record.point({"load_N": 1.0}, {}, session.bench.clock.now_ns())
         raise KeyboardInterrupt
 
     monkeypatch.setattr(everything, "run", run)
     said = palpate("reproduce", "--seed", "7", "--out", "half")
-    assert said.status == 130
-    assert "1 tables that were done are kept in half" in said.err
+    assert (said.status, "1 tables that were done are kept in half" in said.err) == (130, True)
     recorded = Run.open(Path("half") / "1-sweep-loads-ideal")
     assert (recorded.status, recorded.simulated, recorded.header["seed"]) == ("complete", True, 7)
     assert [point["load_N"] for point in recorded.points()] == [1.0]
+    assert palpate("reproduce", "--seed", "-1").status == 2
 
 
 # --- what is asked of each class -----------------------------------------------------------------------

@@ -160,18 +160,6 @@ def test_a_row_shows_its_class_in_a_word_and_the_legend_says_what_it_means(whole
         )
 
 
-def test_the_page_leads_to_every_table_and_part_and_marks_what_is_counted_elsewhere(whole: Whole) -> None:
-    top, _, rest = whole.page.partition('id="table-by-table"')
-    overview = rest.partition("<h1")[0]
-    for part in PARTS:
-        assert f'<a href="#{anchor(part)}">{part}</a>' in top
-    tables = whole.done.all_tables()
-    assert overview.count("<a href=") == len(tables)
-    assert len(re.findall(r"</a> \*</td>", overview)) == sum(table.again for table in tables)
-    for _, count in (found for table in tables for found in counts(table).items()):
-        assert f"<td>{count}</td>" in overview
-
-
 def test_the_terminal_has_the_tables_and_verdicts_and_leaves_the_rest_to_the_page(
     whole: Whole, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -231,11 +219,16 @@ def test_every_cell_of_a_theory_is_on_the_page_as_printed_and_marked_where_it_is
     assert "<details open>" in first and "<td>-0.3089</td><td>0.3221</td>" in first
 
 
-def test_the_page_needs_no_other_file_and_its_links_lead_somewhere(whole: Whole) -> None:
+def test_the_page_needs_no_other_file_and_its_links_lead_to_every_table_and_part(whole: Whole) -> None:
+    """What is counted elsewhere is marked."""
     assert re.findall(r'(?:src|href)="(?!data:|#)', whole.page) == []
-    places = re.findall(r'id="([^"]*)"', whole.page)
+    places, linked = (re.findall(rf'{key}="{mark}([^"]*)"', whole.page) for key, mark in (("id", ""), ("href", "#")))
     assert len(set(places)) == len(places)
-    assert set(re.findall(r'href="#([^"]*)"', whole.page)) <= set(places)
+    assert {anchor(part) for part in PARTS} <= set(linked) <= set(places)
+    overview, tables = whole.page.partition('id="table-by-table"')[2].partition("<h1")[0], whole.done.all_tables()
+    assert overview.count("<a href=") == len(tables)
+    assert len(re.findall(r"</a> \*</td>", overview)) == sum(table.again for table in tables)
+    assert [each for table in tables for each in counts(table).values() if f"<td>{each}</td>" not in overview] == []
 
 
 def test_what_stands_on_the_page_is_escaped(tmp_path: Path) -> None:
@@ -294,23 +287,20 @@ def test_the_right_panel_is_ours_less_the_thesis(whole: Whole) -> None:
     assert len(alike) == 1
 
 
-def test_over_lambda_both_rings_fall_on_nearly_one_curve(whole: Whole) -> None:
-    left, _ = whole.panels("Figure 4.7")
-    assert "λ" in left.get_xlabel()
-    soft, stiff = (line(left, f"ours, 3D, ring {ring} kPa: identified") for ring in (24, 33))
-    assert soft[0][0] == pytest.approx(14.9e3 / 24e3 * 3.88 / 3)
-    assert np.interp(np.log(soft[0]), np.log(stiff[0]), stiff[1]) == pytest.approx(soft[1], abs=2e-3)
-
-
-def test_area_ratios_end_at_the_share_of_the_tooth_and_at_one(whole: Whole) -> None:
+def test_area_ratios_end_at_the_share_of_the_tooth_and_at_one_and_over_lambda_both_rings_fall_on_one_curve(
+    whole: Whole,
+) -> None:
     (axes,) = whole.panels("Figure 4.4")
     for ratio in AREA_RATIOS:
         lambdas, ratios = line(axes, f"A = {ratio:g}: columns")
         assert ratios == pytest.approx((1 + lambdas) / (1 + ratio + lambdas))
-    own = get_design("single")
-    wide = with_area_ratio(own, 20.0)
+    wide = with_area_ratio(get_design("single"), 20.0)
     assert springs.ratio_of_modulus(wide, 1e-3, 3e-3) == pytest.approx(1 / 21, rel=1e-5)
-    assert axes.get_xscale() == "log"
+    left, _ = whole.panels("Figure 4.7")
+    soft, stiff = (line(left, f"ours, 3D, ring {ring} kPa: identified") for ring in (24, 33))
+    assert (axes.get_xscale(), "λ" in left.get_xlabel()) == ("log", True)
+    assert soft[0][0] == pytest.approx(14.9e3 / 24e3 * 3.88 / 3)
+    assert np.interp(np.log(soft[0]), np.log(stiff[0]), stiff[1]) == pytest.approx(soft[1], abs=2e-3)
 
 
 def test_orders_have_the_thesis_left_ours_right_and_show_who_changes_places(whole: Whole) -> None:

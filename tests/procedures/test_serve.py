@@ -197,7 +197,8 @@ def test_a_mistyped_line_is_said_and_stops_nothing(quiet: Callable[..., Spoken])
     [
         (signal.SIGHUP, signal.SIG_IGN, True),
         (signal.SIGHUP, signal.SIG_DFL, False),
-        (signal.SIGINT, signal.SIG_IGN, False),  # as a script starts it
+        (signal.SIGINT, signal.SIG_IGN, False),  # as a script starts it in the background
+        (signal.SIGTERM, signal.SIG_DFL, False),
     ],
 )
 def test_a_signal_ends_a_served_bench_but_for_a_hang_up_that_it_was_started_to_ignore(
