@@ -8,6 +8,7 @@ from collections.abc import Callable
 from functools import partial
 from pathlib import Path
 
+import numpy.fft  # noqa: F401  (it can be loaded once, and what a test with `pytester` imports is forgotten with it)
 import pytest
 
 import palpate.testing  # noqa: F401
@@ -31,7 +32,6 @@ NEW: dict[str, Callable[[str, Path], list[Path]]] = {
 def conform(pytester: pytest.Pytester, test: Path, *choice: str) -> pytest.RunResult:
     """One file of tests, in this process, with the fixtures of palpate's plugin."""
     import pint  # noqa: F401  (what an inner session imports is forgotten with it, and dask comes with pint)
-    import scipy.special  # noqa: F401
 
     alone = pytester.makefile(".ini", pytest="")  # else a project's in a folder above, such as one that $TMPDIR lies in
     options = ("--disable-plugin-autoload", "--import-mode=importlib", "-p", "tests.conftest", "-c", str(alone))

@@ -6,6 +6,7 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy.fft  # noqa: F401  (it can be loaded once, and what a test with `pytester` imports is forgotten with it)
 import pytest
 
 import palpate
