@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import os
 from pathlib import Path
 
@@ -160,34 +161,68 @@ def test_a_file_with_a_byte_order_mark_is_read_as_without(
     assert (marked.status, marked.out, marked.err) == (plain.status, plain.out, plain.err)
 
 
+READERS = (("sweep", "loads", "--scene"), *(("scene", command) for command in ("check", "explain", "show", "plot")))
+WRONG = [
+    ("bitz = 12", "bitz: unknown key (did you mean 'bits'?)"),
+    ("bits = 40", "bits: 40 is too large; give at most 16"),
+    ("[effects.charge_amplifier]\ntime_constant = 1", "time_constant: 1 needs a unit"),
+    ("[effects.charge_amplifier]\ntime_constant = '1 N'", "'1 N' is in N where s belongs"),
+    ("[effects.charge_amplifier]\ntime_constant = '0 s'", "time_constant: 0.0 is too small; give at least 1 ns"),
+    ("[effects.chargeamplifier]", "unknown effect (did you mean 'charge_amplifier'?)"),
+    ("[rigs]", "rigs: unknown key (did you mean 'rig'?)"),
+    ('[rig]\nforce_constant = "nan N/A"', "rig.force_constant"),
+    (
+        f'{MAKERS}inventory = "LAB-1"',
+        "device.cell: inventory: a simulated bench gives its devices links, addresses and labels itself; leave",
+    ),
+    (f"{MAKERS}unit = 3", "device.cell: unit: a simulated bench gives its devices links, addresses and labels"),
+    (f"{MAKERS}spam = 3", "spam: unknown key (did you mean 'span'?); valid: bandwidth, filter, gage_factor, kind,"),
+    (f'{MAKERS}role = "bogus"', "device.cell: role: 'bogus' is not known; valid: 'source', "),
+    (f'{MAKERS}role = "bias"', "device.cell: unknown role of a flintec-dad-141 'bias'; valid: load_indicator"),
+    ("[effects.mains_hum]\namplitud = '1 mV'", "amplitud: unknown key (did you mean 'amplitude'?)"),
+    ('[effects.mains_hum]\nfrequency = "50 V"', "frequency: '50 V' is in V where Hz belongs"),
+    ('[effects.charge_amplifier]\ntime_constant = "-1 s"', "time_constant"),
+    ('[effects.amplifier_clip]\nrail = "-5 V"', "rail"),
+    ('[effects.viscoelastic]\ng = [1.5]\ntau = ["1 s"]', "g.0"),
+    ('[effects.white_noise]\ndensity = "nan V/√Hz"', "density: 'nan V/√Hz' is not a quantity"),
+    ('[effects.white_noise]\ndensity = "1e999 V/√Hz"', "density: '1e999 V/√Hz' is not finite"),
+    ("[effects.charge_amplifier]\n[effects.voltage_amplifier]", "exclude each other; leave one out"),
+    ('[effects.jitter]\nwhen = "off"', "effects.jitter.when: 'off' is neither 'on' nor 'auto'"),
+    (f"{MAKERS}optional = 3", "device.cell: optional: 3 is neither true nor false"),
+]
+
+
+@pytest.mark.parametrize(("wrong", "command"), [*zip(WRONG, itertools.cycle(READERS))])
+def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
+    wrong: tuple[str, str], command: tuple[str, ...], palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.simulators.rig.Rig.__init__", lambda *_: pytest.fail("a rig was built"))
+    Path("my.toml").write_text(f"{IDEAL_SCENE}{wrong[0]}\n", encoding="utf-8")
+    said = palpate(*command, "my.toml")
+    assert (said.status, wrong[1] in said.complaint) == (2, True), said.err
+    assert said.complaint.startswith("my.toml: ") and "\n" not in said.complaint
+    assert not Path("runs").exists()
+
+
+@pytest.mark.parametrize("command", ["show", "check", "plot"])
 @pytest.mark.parametrize(
-    ("addition", "message"),
+    ("scene", "message"),
     [
-        ("bitz = 12", "bitz: unknown key (did you mean 'bits'?)"),
-        ("bits = 40", "bits: 40 is too large; give at most 16"),
-        ("[effects.charge_amplifier]\ntime_constant = 1", "time_constant: 1 needs a unit"),
-        ("[effects.charge_amplifier]\ntime_constant = '1 N'", "'1 N' is in N where s belongs"),
-        ("[effects.charge_amplifier]\ntime_constant = '0 s'", "time_constant: 0.0 is too small; give at least 1 ns"),
-        ("[effects.chargeamplifier]", "unknown effect (did you mean 'charge_amplifier'?)"),
-        ("[rigs]", "rigs: unknown key (did you mean 'rig'?)"),
-        ('[rig]\nforce_constant = "nan N/A"', "rig.force_constant"),
-        (
-            f'{MAKERS}inventory = "LAB-1"',
-            "device.cell: inventory: a simulated bench gives its devices links, addresses and labels itself; leave",
-        ),
-        (f"{MAKERS}unit = 3", "device.cell: unit: a simulated bench gives its devices links, addresses and labels"),
-        (f"{MAKERS}spam = 3", "spam: unknown key (did you mean 'span'?); valid: bandwidth, filter, gage_factor, kind,"),
-        (f'{MAKERS}role = "bogus"', "device.cell: role: 'bogus' is not known; valid: 'source', "),
-        (f'{MAKERS}role = "bias"', "device.cell: unknown role of a flintec-dad-141 'bias'; valid: load_indicator"),
-        (f"{MAKERS}optional = 3", "device.cell: optional: 3 is neither true nor false"),
+        ("thesis_singel", "unknown scene 'thesis_singel' (did you mean 'thesis_single'?)"),
+        ("absent.toml", "absent.toml: cannot be read: No such file or directory"),
+        ("nodes.toml", "nodes.toml: nodes: 1 cannot take the 17 films of design 'array_16'"),
+        ("model.toml", "nothing was measured with design 'array_16'"),
     ],
 )
-def test_a_wrong_key_of_a_scene_is_named(palpate: Palpate, addition: str, message: str) -> None:
-    Path("my.toml").write_text(f"{IDEAL_SCENE}{addition}\n", encoding="utf-8")
-    said = palpate(*SWEEP, "--scene", "my.toml")
-    assert (said.status, message in said.complaint) == (2, True), said.err
-    assert said.complaint.startswith("my.toml: ")
-    assert not Path("runs").exists()
+def test_a_scene_that_does_not_exist_or_cannot_be_simulated_is_one_clear_error(
+    scene: str, message: str, command: str, palpate: Palpate
+) -> None:
+    design = IDEAL_SCENE.replace("single", "array_16")
+    Path("model.toml").write_text(design)
+    Path("nodes.toml").write_text(design.replace("[effects", 'model = "column"\nnodes = 1\n[effects', 1))
+    spoken = palpate("scene", command, scene)
+    shown = (scene, command) == ("model.toml", "show")  # nothing is asked of the model
+    assert (spoken.status, message in spoken.err) == ((0, False) if shown else (2, True))
 
 
 @pytest.mark.parametrize(

@@ -1,4 +1,4 @@
-"""palpate bus scan: what it tells, and the bench file that it begins."""
+"""`palpate bus scan` and `bus lss`: what a scan tells, the bench file that it begins, and node ids that are given."""
 
 from __future__ import annotations
 

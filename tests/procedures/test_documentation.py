@@ -1,4 +1,4 @@
-"""The documentation is true of the code."""
+"""The documentation, its decisions and its page on the thesis are true of the code."""
 
 from __future__ import annotations
 

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -136,44 +135,6 @@ def test_a_signal_below_20_steps_with_little_noise_is_a_warning_and_with_strict_
 
 
 # --- what is refused -----------------------------------------------------------------------------------
-
-READERS = (("scene", "check"), ("scene", "explain"), ("sweep", "loads", "--scene"))
-WRONG = {
-    "an unknown effect": ("[effects.mains_hun]", "effects.mains_hun: unknown effect (did you mean 'mains_hum'?)"),
-    "an unknown parameter": (
-        '[effects.mains_hum]\namplitud = "1 mV"',
-        "amplitud: unknown key (did you mean 'amplitude'?)",
-    ),
-    "a wrong unit": ('[effects.mains_hum]\nfrequency = "50 V"', "frequency: '50 V' is in V where Hz belongs"),
-    "a negative time constant": ('[effects.charge_amplifier]\ntime_constant = "-1 s"', "time_constant"),
-    "a rail below zero": ('[effects.amplifier_clip]\nrail = "-5 V"', "rail"),
-    "a share above 1": ('[effects.viscoelastic]\ng = [1.5]\ntau = ["1 s"]', "g.0"),
-    "no number": ('[effects.white_noise]\ndensity = "nan V/√Hz"', "density: 'nan V/√Hz' is not a quantity"),
-    "an infinite one": ('[effects.white_noise]\ndensity = "1e999 V/√Hz"', "density: '1e999 V/√Hz' is not finite"),
-    "amplifiers that exclude each other": (
-        "[effects.charge_amplifier]\n[effects.voltage_amplifier]",
-        "exclude each other; leave one out",
-    ),
-    "neither on nor auto": ('[effects.jitter]\nwhen = "off"', "effects.jitter.when: 'off' is neither 'on' nor 'auto'"),
-}
-
-
-@pytest.mark.parametrize(("wrong", "command"), [*zip(WRONG, itertools.cycle(READERS))])
-def test_a_scene_that_cannot_be_is_one_message_before_anything_starts(
-    wrong: str, command: tuple[str, ...], palpate: Palpate, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def started(*_: object) -> None:
-        raise AssertionError("a rig was built")
-
-    monkeypatch.setattr("palpate.simulators.rig.Rig.__init__", started)
-    text, message = WRONG[wrong]
-    Path("wrong.toml").write_text(f"{IDEAL_SCENE}\n{text}\n")
-    spoken = palpate(*command, "wrong.toml")
-    assert spoken.status == 2
-    assert spoken.complaint.startswith("wrong.toml: ")
-    assert message in spoken.complaint
-    assert "\n" not in spoken.complaint
-    assert not list(Path("runs").glob("*"))
 
 
 @pytest.mark.parametrize(

@@ -1,10 +1,8 @@
-"""An effect that palpate knows nothing of: scenes name it, plans weigh it, and a lie about it is caught."""
+"""Effects and designs that palpate knows nothing of: scenes name them, plans weigh them, and a lie is caught."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -34,6 +32,7 @@ from palpate.simulators.scenes.scene import Scene
 from palpate.testing import EffectConformance
 from tests.conftest import Install
 from tests.procedures.conftest import Palpate
+from tests.procedures.test_study_command import threads
 
 QUESTION = Question("2", 3.0, dwell=0.5)
 SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
@@ -83,18 +82,11 @@ def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -
         scene_of('[effects]\nwet_glu = "on"\n', tmp_path)
 
 
-@contextmanager
-def in_threads(*_: object) -> Iterator[tuple[Executor, int]]:
-    """Stands in for workers, which would not find the package of this test."""
-    with ThreadPoolExecutor(1) as executor:
-        yield executor, 1
-
-
 @pytest.mark.usefixtures("wet_glue")
 def test_a_study_names_package_and_version_and_does_not_go_on_with_another(
     palpate: Palpate, install: Install, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(study_cell, "executor_of", in_threads)
+    monkeypatch.setattr(study_cell, "executor_of", threads)
     scene_of("[effects.wet_glue]\n", Path())
     study = 'name = "glued"\nloads = "2 N"\n[axes]\nscene = ["mine.toml"]\nsample = ["1"]\n'
     Path("glued.toml").write_text(study, encoding="utf-8")

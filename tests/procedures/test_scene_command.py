@@ -111,34 +111,6 @@ def test_a_scene_that_can_be_simulated_is_checked_with_exit_status_0(palpate: Pa
     assert (quiet.status, quiet.out, quiet.err) == (0, "", "")
 
 
-WRONG = {
-    "no such scene": ("thesis_singel", "unknown scene 'thesis_singel' (did you mean 'thesis_single'?)"),
-    "no such file": ("absent.toml", "absent.toml: cannot be read: No such file or directory"),
-    "an unknown effect": ("effect.toml", "effect.toml: effects.hum: unknown effect"),
-    "a wrong unit": ("unit.toml", "unit.toml: effects.mains_hum: frequency: '50 V' is in V where Hz belongs"),
-    "too few nodes": ("nodes.toml", "nodes.toml: nodes: 1 cannot take the 17 films of design 'array_16'"),
-    "a sample that the model does not answer for": ("model.toml", "nothing was measured with design 'array_16'"),
-}
-
-
-@pytest.mark.parametrize("wrong", WRONG)
-@pytest.mark.parametrize("command", ["show", "check", "plot"])
-def test_a_wrong_scene_is_one_clear_error(wrong: str, command: str, palpate: Palpate) -> None:
-    for name, old, new in (
-        ("effect", "effects.adc", "effects.hum"),
-        ("unit", "[effects.adc]", '[effects.mains_hum]\nfrequency = "50 V"'),
-        ("nodes", 'design = "single"', 'design = "array_16"\nmodel = "column"\nnodes = 1'),
-        ("model", 'design = "single"', 'design = "array_16"'),
-    ):
-        Path(f"{name}.toml").write_text(IDEAL_SCENE.replace(old, new))
-    scene, message = WRONG[wrong]
-    spoken = palpate("scene", command, scene)
-    if (scene, command) == ("model.toml", "show"):
-        assert spoken.status == 0  # nothing is asked of the model
-    else:
-        assert (spoken.status, message in spoken.complaint) == (2, True)
-
-
 # --- plot ----------------------------------------------------------------------------------------------
 
 

@@ -1,4 +1,4 @@
-"""`palpate study`: cells in closed form and on the bench, in processes of their own, and what is wrong with a study."""
+"""`palpate study`: cells in closed form, on the bench, as arrays, in processes of their own; what is wrong with one."""
 
 from __future__ import annotations
 
