@@ -134,6 +134,15 @@ def test_a_signal_below_20_steps_with_little_noise_is_a_warning_and_with_strict_
     assert palpate("scene", "explain", "quiet.toml", "--strict").status == 0
 
 
+def test_no_bound_is_given_of_a_dwell_that_no_sine_can_be_fitted_to(palpate: Palpate) -> None:
+    Path("quiet.toml").write_text(NOISY)
+    found = palpate("scene", "explain", "quiet.toml", "--dwell", "10ms", "--json").object
+    assert all(each["ratio"] is None for each in found["measured"]) == bool(found["unmeasured"])
+    bounds = {each["name"]: (each["force"], each["ratio"]) for each in found["omitted"]}
+    assert bounds["mains_hum"] == bounds["off_axis"] == bounds["charge_amplifier"] == (None, None)
+    assert bounds["can_timing"] == (0.0, 0.0)
+
+
 # --- what is refused -----------------------------------------------------------------------------------
 
 

@@ -283,11 +283,13 @@ def test_what_contradicts_itself_or_is_not_read_is_told(text: str, note: str, pa
 def test_notes_are_told_to_people_too_in_a_few_lines(palpate: Palpate) -> None:
     name = 'M\xfchle \xb0C"]\\n[x]'  # letters, and what is TOML
     text = BASE.replace("ProductName=Widget", f"ProductName={name}") + pdo(0, "0x20000181", MAPPED)
+    text += pdo(1, "$NODEID+0x180", MAPPED) + pdo(4, "$NODEID+0x180", MAPPED)
     Path("a.eds").write_bytes((text + "rubbish\n" * 1000).encode("latin-1"))
     told = palpate("contracts", "import", "a.eds", "--out", "a.toml").out.splitlines()
     assert "Left out: PDO 1800h: its COB-ID 0x20000181 has 29 bits; a map holds those of 11" in told
+    assert "Left out: PDO 1804h: has the COB-ID of PDO 1801h" in told
     assert "Note: 980 more lines are not used" in told
-    assert (len(told), told[-1]) == (23, "a.toml")
+    assert (len(told), told[-1]) == (24, "a.toml")
     assert read_map(Path("a.toml")).contract.title == name
 
 

@@ -514,6 +514,8 @@ def test_table_5_8_names_its_models_and_what_they_are_worth_and_repairs_the_slip
     }
     said = bench_table.sentences
     assert "positive where the experiment lies above" in said[0]
+    fitted = "+100.0 % by axisymmetric, identified (fitted), the thesis -9.62 %, without its slip -11.2 %"
+    assert f"single_vs_3D, average: {fitted}" in said
     assert "common_base_vs_3D, average: +50.0 % by solid, physical (predicted), the thesis 23.64 %" in said
 
 
