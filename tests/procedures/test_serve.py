@@ -124,26 +124,21 @@ def test_a_sweep_that_is_interrupted_finds_each_sample_by_its_name_when_it_is_ru
             assert one["force_ratio"] == pytest.approx(other["force_ratio"], abs=apart)
 
 
-@pytest.mark.parametrize("text", ['name = "my bench"\n', "", "\xff"])
-def test_a_bench_file_that_a_person_wrote_is_not_overwritten(text: str, palpate: Palpate) -> None:
-    Path("my_bench.toml").write_text(text, encoding="latin-1")
-    refused = palpate("serve", "ideal", "--can", "virtual", "--out", "my_bench.toml")
-    assert (refused.status, Path("my_bench.toml").read_text(encoding="latin-1")) == (2, text)
-    assert refused.complaint == "my_bench.toml exists, and palpate serve did not write it; choose another --out"
-
-
-def test_the_bench_file_of_a_run_is_not_overwritten_and_that_of_an_earlier_served_bench_is(
+def test_the_bench_file_of_a_run_or_of_a_person_is_not_overwritten_and_that_of_an_earlier_served_bench_is(
     palpate: Palpate, wish: Wish
 ) -> None:
-    earlier = Path("run/bench.toml")
+    earlier, own = Path("run/bench.toml"), Path("my_bench.toml")
     earlier.parent.mkdir()
     for _ in range(2):
         with serving(replace(wish, out=earlier)) as served:
             assert earlier.read_text(encoding="utf-8") == served.description.to_toml()
     Path("run/run.record").touch()
-    refused = palpate("serve", "ideal", "--can", "virtual", "--out", "run/bench.toml")
-    assert (refused.status, earlier.read_text(encoding="utf-8")) == (2, served.description.to_toml())
-    assert refused.complaint == "run/bench.toml belongs to a run; choose another --out"
+    files = [(earlier, served.description.to_toml(), "run/bench.toml belongs to a run; choose another --out")]
+    exists = "my_bench.toml exists, and palpate serve did not write it; choose another --out"
+    for file, text, why in (*files, *((own, text, exists) for text in ('name = "my bench"\n', "", "\xff"))):
+        file.write_text(text, encoding="latin-1")
+        refused = palpate("serve", "ideal", "--can", "virtual", "--out", str(file))
+        assert (refused.status, refused.complaint, file.read_text(encoding="latin-1")) == (2, why, text)
 
 
 def test_a_bench_whose_amplifier_anybody_feeds_says_so_before_it_drives_and_in_its_record(
