@@ -120,7 +120,9 @@ def test_whatever_is_said_of_a_simulated_sweep_is_stamped_and_names_scene_model_
 # --- runs ----------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("to", "read"), [("csv", pd.read_csv), ("parquet", pd.read_parquet)])
+@pytest.mark.parametrize(
+    ("to", "read"), [("csv", pd.read_csv), pytest.param("parquet", pd.read_parquet, marks=pytest.mark.slow)]
+)
 def test_a_run_is_exported_once(to: str, read: Any, palpate: Palpate) -> None:
     result = palpate(*ONE_POINT, "--out", "day", "--json").object
     export = ("runs", "export", "day", "--to", to, "--out", "tables")

@@ -75,7 +75,7 @@ def test_the_table_of_commands_has_each_once() -> None:
         ("model surfaces", "model surfaces"),
         ("scene list", "scene list"),
         ("scene check ideal", "scene check"),
-        ("scene explain ideal", "scene explain"),
+        pytest.param("scene explain ideal", "scene explain", marks=pytest.mark.slow),
         ("runs list", "runs list"),
         ("contracts export --to maps", "`runs export`, `contracts export`, `new`"),
         ("model ratio --model column --sensed-modulus 100kPa", "model ratio"),
