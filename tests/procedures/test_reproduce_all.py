@@ -553,6 +553,12 @@ def test_the_thesis_own_finite_elements_stand_beside_it_by_the_same_sign() -> No
     assert "by sample: 1 +6 %, 2 +18 %" in single and "by sample: 1 -22 %, 2 -23 %" in common
 
 
+def test_the_samples_of_every_arrangement_are_swept_at_three_of_its_loads() -> None:
+    assert [chapter5.loads_of(each) for each in chapter5.ARRANGEMENTS] == [
+        (1.5, 3.0, 4.0), (1.5, 3.0, 4.5), (1.5, 3.0, 4.5),
+    ]  # fmt: skip
+
+
 def test_a_prediction_that_misses_is_counted_as_one_and_fails_nothing() -> None:
     table, _ = chapter5.compare_blind(SINGLE, "identified", above(SINGLE, 1.3))
     verdict = judge([table])[Evidence.PREDICTED]

@@ -159,7 +159,8 @@ WRONG: list[tuple[str, type[PalpateError], str]] = [
 ]
 
 
-def test_what_is_wrong_with_a_typed_fault_is_said_and_nothing_is_changed(sim: SimulatedBench) -> None:
+def test_what_is_wrong_with_a_typed_fault_is_said_and_nothing_is_changed(sim: SimulatedBench, scene: Scene) -> None:
+    """A scene with a fault on a sample changer that the bench does not have is refused as well."""
     person = Person(sim)
     person.do("fault strain_indicator bridge_open")
     for typed, error, says in WRONG:
@@ -167,6 +168,9 @@ def test_what_is_wrong_with_a_typed_fault_is_said_and_nothing_is_changed(sim: Si
             person.do(typed)
         assert says in str(told.value)
         assert len(sim.injection.given) == 1
+    faulty = with_faults(scene, [{"kind": "no_reply", "on": "sample_changer", "at": "1 s"}])
+    with pytest.raises(ConfigError, match="this bench has no sample_changer"), SimulatedBench(faulty):
+        pass
 
 
 # --- the CAN bus of a served bench on UDP multicast, for a plain master of another process ------------
