@@ -11,6 +11,7 @@ from io import StringIO
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Self
 
+import click
 import pytest
 
 import palpate as package
@@ -20,6 +21,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main
 from palpate.procedures.commands.options import Output
+from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import open as session
@@ -212,6 +214,16 @@ def refused(said: Spoken, benches: Benches) -> str:
     assert said.status == 2, said.err
     assert (benches, list(Path().iterdir())) == ([], [])
     return said.complaint
+
+
+def commands(group: click.Group = root, path: tuple[str, ...] = ()) -> Iterator[tuple[tuple[str, ...], click.Command]]:
+    """Every command and group, by its words after `palpate`."""
+    yield path, group
+    for name, command in group.commands.items():
+        if isinstance(command, click.Group):
+            yield from commands(command, (*path, name))
+        else:
+            yield (*path, name), command
 
 
 # --- without the command line --------------------------------------------------------------------------

@@ -12,7 +12,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.bluesky import DeviceSetting, Done, FilmSignals, MovableLoad
+from palpate.procedures.bluesky import DeviceSetting, FilmSignals, MovableLoad
 from palpate.procedures.steps.films import Films
 from palpate.procedures.steps.probe import press
 from palpate.procedures.steps.servo import LoadServo
@@ -45,47 +45,23 @@ def pressed(bench: Bench) -> tuple[Films, LoadServo]:
 
 
 @pytest.mark.slow
-def test_the_devices_have_the_shape_of_blueskys_protocols(bench: Bench) -> None:
-    from bluesky.protocols import HasParent, Movable, Readable, Status, Triggerable
-
-    films = FilmSignals(Films(bench, get_design("single"), FREQUENCY, 4.0), DWELL)
-    frequency = DeviceSetting(bench, bench.device("signal_generator"), "frequency")
-    assert isinstance(films, Readable)
-    assert isinstance(films, Triggerable)
-    assert isinstance(films, HasParent)
-    assert isinstance(frequency, Movable)
-    assert isinstance(Done(), Status)
-    assert not isinstance(frequency, Triggerable)
-    assert frequency.describe() == {
-        "signal_generator_frequency": {
-            "source": f"palpate:{bench.description.name}",
-            "dtype": "number",
-            "shape": [],
-            "units": "Hz",
-        }
-    }
-
-
-@pytest.mark.slow
 def test_a_scan_of_the_engine_gives_the_numbers_of_the_procedures_own_calls(engine: RunEngine, scene: Scene) -> None:
     from bluesky.plans import scan
 
-    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        films, servo = pressed(bench)
-        own = []
-        for load in LOADS:
-            servo.set(load)
-            own.append(2 * films.fit(films.acquire(DWELL)).amplitude)
+    own: list[list[float]] = []
     events: list[dict[str, Any]] = []
     with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         films, servo = pressed(bench)
-        axis = MovableLoad(bench, servo)
-        plan = scan([FilmSignals(films, DWELL)], axis, *LOADS, len(LOADS))
+        for load in LOADS:
+            servo.set(load)
+            own.append(list(2 * films.fit(films.acquire(DWELL)).amplitude))
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        films, servo = pressed(bench)
+        plan = scan([FilmSignals(films, DWELL)], MovableLoad(bench, servo), *LOADS, len(LOADS))
         engine(plan, lambda name, document: events.append({name: document}))
-    documents = [name for event in events for name in event]
-    assert documents == ["start", "descriptor", "event", "event", "stop"]
+    assert [name for event in events for name in event] == ["start", "descriptor", "event", "event", "stop"]
     found = [event["event"]["data"] for event in events if "event" in event]
-    assert [[data["films_rigid"], data["films_total"]] for data in found] == [list(signals) for signals in own]
+    assert [[data["films_rigid"], data["films_total"]] for data in found] == own
     assert [data["load"] for data in found] == pytest.approx(LOADS, rel=0.03)
     keys = events[1]["descriptor"]["data_keys"]
     assert {name: key["units"] for name, key in keys.items()} == {"films_rigid": "V", "films_total": "V", "load": "N"}

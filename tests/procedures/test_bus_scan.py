@@ -1,22 +1,26 @@
-"""palpate bus scan: what it tells, and the bench file that it begins."""
+"""`palpate bus scan` and `bus lss`: what a scan tells, the bench file that it begins, and node ids that are given."""
 
 from __future__ import annotations
 
-import json
-from collections.abc import Iterator
+import struct
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
 
+import can
+import canopen.lss
 import pytest
 
+from palpate.drivers.links.can import LssAddress
 from palpate.drivers.scan import FoundDevice
 from palpate.instrument.bench.description import read_bench
 from palpate.instrument.bench.kinds import all_kinds
-from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.instrument.bench.links import CanBus, SerialLine, TcpLink
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
+from palpate.instrument.errors import BenchError, RangeError, UsageError
 from palpate.procedures.lab.before import begun_bench
-from palpate.procedures.lab.scan import ScanPlan
+from palpate.procedures.lab.scan import Change, ScanPlan
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import SimulatedPlace
@@ -61,32 +65,16 @@ def oven(tmp_path: Path) -> Iterator[tuple[Path, int]]:
         yield path, servers.serve_tcp(1, twin)
 
 
-def test_a_device_is_found_with_its_map_and_the_bench_file_can_be_used(
-    palpate: Palpate, oven: tuple[Path, int], tmp_path: Path
+@pytest.mark.parametrize(("units", "found"), [("1-2", 1), ("255", 255), ("0", 0), ("3-4", 0)])
+def test_a_device_is_found_with_its_map_or_at_its_address_itself_and_the_bench_file_can_be_used(
+    palpate: Palpate, oven: tuple[Path, int], units: str, found: int
 ) -> None:
     path, port = oven
-    out = tmp_path / "begun.toml"
-    address = f"--tcp=127.0.0.1:{port}"
-    spoken = palpate("bus", "scan", address, "--units=1-2", f"--map={path}", f"--out={out}", "--json")
-    assert spoken.status == 0
-    (device,) = json.loads(spoken.out)["devices"]
-    assert (device["unit"], device["fits"], device["serial"]) == (1, ["my-oven"], "42")
-    (listed,) = read_bench(out).devices
-    assert (listed.kind.name, listed.unit) == ("my-oven", 1)
-
-
-@pytest.mark.parametrize(("units", "found"), [("255", 255), ("0", 0), ("3-4", 0)])
-def test_a_device_is_found_at_the_unit_that_means_its_address_itself(
-    palpate: Palpate, oven: tuple[Path, int], tmp_path: Path, units: str, found: int
-) -> None:
-    path, port = oven
-    out = tmp_path / "begun.toml"
-    spoken = palpate(
-        "bus", "scan", f"--tcp=127.0.0.1:{port}", f"--units={units}", f"--map={path}", f"--out={out}", "--json"
-    )
-    (device,) = json.loads(spoken.out)["devices"]
-    assert (device["unit"], device["fits"]) == (found, ["my-oven"])
-    assert read_bench(out).devices[0].unit == found
+    scan = ("bus", "scan", f"--tcp=127.0.0.1:{port}", f"--units={units}", f"--map={path}", "--out=begun.toml")
+    (device,) = palpate(*scan, "--json").object["devices"]
+    assert (device["unit"], device["fits"], device["serial"]) == (found, ["my-oven"], "42")
+    (listed,) = read_bench(Path("begun.toml")).devices
+    assert (listed.kind.name, listed.unit) == ("my-oven", found)
 
 
 def test_what_is_impossible_is_refused_before_anything_is_sent(palpate: Palpate) -> None:
@@ -107,8 +95,7 @@ def test_what_is_impossible_is_refused_before_anything_is_sent(palpate: Palpate)
         (["--can=gs_usb:0", "--talk"], "speaks at one bit rate"),
     ):
         spoken = palpate("bus", "scan", *arguments)
-        assert spoken.status == 2, arguments
-        assert message in spoken.err
+        assert (spoken.status, message in spoken.err) == (2, True), arguments
 
 
 def test_of_kinds_that_a_device_could_be_a_map_of_ones_own_is_told_first_and_named_by_its_file(tmp_path: Path) -> None:
@@ -141,3 +128,118 @@ def test_a_bench_file_lists_what_is_known_and_comments_on_the_rest() -> None:
     assert "# unit 5 on line answers, and is not known: Acme 9000\n# could be: no kind that has a map\n" in text
     assert '# port = "/dev/ttyS9"' in text
     assert begun_bench([], []).startswith("# no device is known yet")
+
+
+# --- node id and bit rate by LSS: one device by its whole identity, and nothing without agreement -----
+
+ADDRESS = LssAddress(0x26C, 0x10, 0x06720000, 1234)
+SELECTS = range(0x40, 0x44)
+
+
+class Slave:
+    """An LSS device after CiA 305, in plain python-can; `node` answers an SDO upload as well."""
+
+    def __init__(self, bus: can.BusABC, node: int, refuses: int = 0) -> None:
+        self._bus = bus
+        self._given: list[int] = []
+        self.configuring = False
+        self._refuses = refuses
+        self.node = node
+        self.written: list[tuple[int, ...]] = []
+
+    def on_message(self, message: can.Message) -> None:
+        data = bytes(message.data)
+        if message.arbitration_id == 0x600 + self.node:
+            self._send(0x580 + self.node, b"\x80" + data[1:4] + bytes(4))
+        if message.arbitration_id != 0x7E5:
+            return
+        code = data[0]
+        if code == 0x04:
+            self.configuring = bool(data[1])
+        elif code in SELECTS:
+            self._given = [*(self._given if code > 0x40 else []), struct.unpack_from("<I", data, 1)[0]]
+            if LssAddress(*(self._given + [0] * 4)[:4]) == ADDRESS:
+                self.configuring = True
+                self._send(0x7E4, b"\x44" + bytes(7))
+        elif self.configuring and code == 0x5E:
+            self._send(0x7E4, bytes([code, self.node, *bytes(6)]))
+        elif self.configuring:
+            self.written.append(tuple(data[:3]))
+            self._send(0x7E4, bytes([code, self._refuses, *bytes(6)]))
+
+    def _send(self, identifier: int, data: bytes) -> None:
+        self._bus.send(can.Message(arbitration_id=identifier, data=data, is_extended_id=False))
+
+
+@pytest.fixture
+def bus(monkeypatch: pytest.MonkeyPatch) -> Iterator[can.BusABC]:
+    monkeypatch.setattr(canopen.lss.time, "sleep", lambda _seconds: None)
+    with can.Bus(interface="virtual", channel="lss") as bus:
+        yield bus
+
+
+def change(node: int | None = 5, bitrate: int | None = None, timeout: str = "10 s", **more: Any) -> Change:
+    link = CanBus(interface="virtual", channel="lss", timeout=timeout)  # type: ignore[arg-type]
+    return Change(link, more.get("address", ADDRESS), node, bitrate, more.get("save", False))
+
+
+def carried_out(
+    bus: can.BusABC, slaves: list[Slave], wanted: Change, agrees: Callable[[str], None] | None = None
+) -> tuple[int | None, list[str]]:
+    asked: list[str] = []
+    notifier = can.Notifier(bus, [slave.on_message for slave in slaves], timeout=0.01)
+    try:
+        return wanted.carry_out(agrees or asked.append), asked
+    finally:
+        notifier.stop()
+
+
+def test_a_node_id_a_bit_rate_and_the_order_to_keep_them_go_to_the_device_by_its_identity(bus: can.BusABC) -> None:
+    slave = Slave(bus, 5)
+    before, asked = carried_out(bus, [slave], change(5, 500_000, save=True))
+    assert (before, slave.written) == (5, [(0x11, 5, 0), (0x13, 0, 2), (0x17, 0, 0)])
+    assert "gets node id 5 and 500000 bit/s, and keeps it when it is switched off (it has node id 5 now)" in asked[0]
+
+
+def test_nothing_is_written_before_a_person_agrees_and_nothing_kept_unless_it_is_asked_for(bus: can.BusABC) -> None:
+    def never(_what: str) -> None:
+        raise KeyboardInterrupt
+
+    slave = Slave(bus, 5)
+    with pytest.raises(KeyboardInterrupt):
+        carried_out(bus, [slave], change(5), never)
+    assert (slave.written, slave.configuring) == ([], False)
+    carried_out(bus, [slave], change(5))
+    assert slave.written == [(0x11, 5, 0)]
+
+
+def test_a_device_that_is_not_there_one_that_refuses_and_a_node_id_that_is_taken_are_told(bus: can.BusABC) -> None:
+    other, slave = LssAddress(0x26C, 0x10, 0x06720000, 1), Slave(bus, 255)
+    for slaves, wanted, message in (
+        (
+            [Slave(bus, 5)],
+            change(address=other, timeout="20 ms"),
+            "26Ch 10h 6720000h 1h on virtual:lss does not answer",
+        ),
+        ([Slave(bus, 5, refuses=1)], change(5), r"refuses to take node id 5 \(LSS Error: 1\)"),
+        ([slave, Slave(bus, 7)], change(7), "node 7 answers already on virtual:lss; give another --node"),
+    ):
+        with pytest.raises(BenchError, match=message):
+            carried_out(bus, slaves, wanted)
+    assert slave.written == []
+
+
+@pytest.mark.parametrize(
+    ("wanted", "error", "message"),
+    [
+        ({"node": None}, UsageError, "nothing to set"),
+        ({"node": 128}, RangeError, "--node 128 is outside 1 to 127"),
+        ({"node": None, "bitrate": 333_333, "save": True}, RangeError, "LSS knows 1000000, 800000"),
+        ({"node": None, "bitrate": 500_000}, UsageError, "give --save, too"),
+    ],
+)
+def test_what_cannot_be_set_is_refused_before_the_bus_is_opened(
+    wanted: dict[str, Any], error: type[Exception], message: str
+) -> None:
+    with pytest.raises(error, match=message):
+        change(**wanted)

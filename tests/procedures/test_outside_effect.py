@@ -1,10 +1,8 @@
-"""An effect that palpate knows nothing of: scenes name it, plans weigh it, and a lie about it is caught."""
+"""Effects and designs that palpate knows nothing of: scenes name them, plans weigh them, and a lie is caught."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator
-from concurrent.futures import Executor, ThreadPoolExecutor
-from contextlib import contextmanager
+from collections.abc import Callable
 from pathlib import Path
 from typing import ClassVar
 
@@ -12,13 +10,14 @@ import numpy as np
 import pytest
 
 from palpate.instrument.arrays import Floats, Times
-from palpate.instrument.errors import ConfigError
+from palpate.instrument.bench.description import BenchDescription
+from palpate.instrument.config import check
+from palpate.instrument.errors import ConfigError, PalpateError
 from palpate.instrument.sensor.design import Design
-from palpate.procedures.engine.run import run
-from palpate.procedures.lab.open import open_bench
+from palpate.instrument.sensor.designs import get_design
+from palpate.procedures.lab.about import added_by
 from palpate.procedures.virtual import study_cell
-from palpate.simulators.effects.amplifier_clip import AmplifierClip
-from palpate.simulators.effects.charge_amplifier import ChargeAmplifier
+from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.effects.gain_scatter import GainScatter
 from palpate.simulators.effects.jitter import Jitter
 from palpate.simulators.effects.mains_hum import MainsHum
@@ -32,8 +31,8 @@ from palpate.simulators.randomness import Stream
 from palpate.simulators.scenes.scene import Scene
 from palpate.testing import EffectConformance
 from tests.conftest import Install
-from tests.examples.relaxation import Relaxation
 from tests.procedures.conftest import Palpate
+from tests.procedures.test_study_command import threads
 
 QUESTION = Question("2", 3.0, dwell=0.5)
 SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
@@ -84,27 +83,10 @@ def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -
 
 
 @pytest.mark.usefixtures("wet_glue")
-def test_the_record_of_its_scene_names_package_and_version(tmp_path: Path) -> None:
-    file = tmp_path / "mine.toml"
-    scene_of("[effects.wet_glue]\n", tmp_path)
-    with open_bench(scene=str(file)) as opened:
-        done = run(Relaxation(readings=1), opened, out=tmp_path / "run")
-    assert done.run.header["versions"]["acme"] == "1.2"
-    assert "[effects.wet_glue]" in (done.folder / "scene.toml").read_text(encoding="utf-8")
-
-
-@contextmanager
-def in_threads(*_: object) -> Iterator[tuple[Executor, int]]:
-    """Stands in for workers, which would not find the package of this test."""
-    with ThreadPoolExecutor(1) as executor:
-        yield executor, 1
-
-
-@pytest.mark.usefixtures("wet_glue")
 def test_a_study_names_package_and_version_and_does_not_go_on_with_another(
     palpate: Palpate, install: Install, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(study_cell, "executor_of", in_threads)
+    monkeypatch.setattr(study_cell, "executor_of", threads)
     scene_of("[effects.wet_glue]\n", Path())
     study = 'name = "glued"\nloads = "2 N"\n[axes]\nscene = ["mine.toml"]\nsample = ["1"]\n'
     Path("glued.toml").write_text(study, encoding="utf-8")
@@ -137,16 +119,12 @@ WRONG = {
 }
 
 
-@pytest.mark.parametrize("number", range(len(WRONG)))
-def test_what_cannot_be_an_effect_is_refused(number: int, install: Install, tmp_path: Path) -> None:
-    text, why = list(WRONG.items())[number]
+@pytest.mark.parametrize("text", WRONG)
+def test_what_cannot_be_an_effect_is_refused(text: str, install: Install, tmp_path: Path) -> None:
     install("acme", "palpate.effects", {"wet_glue": "wet_glue:WetGlue"}, wet_glue=text)
-    with pytest.raises(ConfigError, match=rf"^effect 'wet_glue' of acme 1.2 \(wet_glue:WetGlue\): {_plain(why)}"):
+    why = WRONG[text].replace("(", r"\(")
+    with pytest.raises(ConfigError, match=rf"^effect 'wet_glue' of acme 1.2 \(wet_glue:WetGlue\): {why}"):
         scene_of("[effects.wet_glue]\n", tmp_path)
-
-
-def _plain(why: str) -> str:
-    return why.replace("(", r"\(")
 
 
 def test_two_effects_at_a_place_where_only_one_can_act_are_refused(install: Install, tmp_path: Path) -> None:
@@ -157,14 +135,7 @@ def test_two_effects_at_a_place_where_only_one_can_act_are_refused(install: Inst
     install("acme", "palpate.effects", {"slow_amplifier": "slow:SlowAmplifier"}, slow=text)
     with pytest.raises(ConfigError, match=r"charge_amplifier and effects\.slow_amplifier exclude each other"):
         scene_of("[effects.slow_amplifier]\n[effects.charge_amplifier]\n", tmp_path)
-    assert scene_of("[effects.slow_amplifier]\n", tmp_path).effects["slow_amplifier"] == _slow()
-
-
-def _slow() -> Effect:
-    from palpate.simulators.effects import effect_class
-
-    assert issubclass(effect_class("slow_amplifier"), ChargeAmplifier)
-    return effect_class("slow_amplifier")()
+    assert [*scene_of("[effects.slow_amplifier]\n", tmp_path).effects] == ["slow_amplifier"]
 
 
 # --- effects that lie about themselves -------------------------------------------------------------------
@@ -194,13 +165,6 @@ class Loud(WhiteNoise):
         return 0.01 * super().error(case, rates)
 
 
-class Far(AmplifierClip):
-    """A limit that looks for itself too far away."""
-
-    def nearer(self, share: float) -> Effect:
-        return Far(rail="100 V")
-
-
 class Quiet(WhiteNoise):
     """Boasts of noise that would make a converter's steps average out."""
 
@@ -223,42 +187,90 @@ class Alike(Modest):
 
 
 def suite(effect: Effect) -> EffectConformance:
-    class Suite(EffectConformance):
-        pass
+    found = EffectConformance()
+    found.effect = effect  # type: ignore[misc]
+    return found
 
-    Suite.effect = effect
-    return Suite()
+
+GAINS = "test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter"
+NOISE = "test_its_noise_is_as_strong_and_as_weak_as_it_says"
+CANCELS = "test_where_it_says_so_it_cancels_in_the_ratio"
 
 
 @pytest.mark.parametrize(
-    "effect", [Modest(), Loud(density="100 µV/√Hz"), Far(rail="1 V")], ids=lambda effect: effect.name
+    ("effect", "test", "message"),
+    [
+        (Fickle(), GAINS, "gains differ, and `scatter` is None"),
+        (Quiet(density="100 µV/√Hz"), NOISE, "V in each sample, 0 V are white"),
+        (Hidden(density="100 µV/√Hz"), NOISE, ""),
+        (Alike(), CANCELS, ""),
+    ],
+    ids=lambda each: getattr(each, "name", ""),
 )
+def test_an_effect_that_says_what_is_not_so_is_caught(effect: Effect, test: str, message: str) -> None:
+    with pytest.raises(AssertionError, match=message or None):
+        getattr(suite(effect), test)()
+
+
+@pytest.mark.parametrize("effect", [Modest(), Loud(density="100 µV/√Hz")], ids=lambda effect: effect.name)
 def test_an_effect_that_changes_more_than_its_bound_is_caught(effect: Effect) -> None:
     with pytest.raises(AssertionError, match="more than its bound"):
         suite(effect).hold_bound(effect, {}, QUESTION)
 
 
-def test_an_effect_that_draws_gains_and_does_not_say_so_is_caught() -> None:
-    with pytest.raises(AssertionError, match="gains differ, and `scatter` is None"):
-        suite(Fickle()).test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter()
-
-
-def test_an_effect_that_boasts_of_noise_or_understates_it_is_caught() -> None:
-    with pytest.raises(AssertionError, match="V in each sample, 0 V are white"):
-        suite(Quiet(density="100 µV/√Hz")).test_its_noise_is_as_strong_and_as_weak_as_it_says()
-    with pytest.raises(AssertionError):
-        suite(Hidden(density="100 µV/√Hz")).test_its_noise_is_as_strong_and_as_weak_as_it_says()
-
-
-def test_an_effect_that_does_not_cancel_as_it_says_is_caught() -> None:
-    with pytest.raises(AssertionError):
-        suite(Alike()).test_where_it_says_so_it_cancels_in_the_ratio()
-
-
 def test_an_honest_effect_passes() -> None:
     suite(OffAxis()).hold_bound(OffAxis(), {}, QUESTION)
-    suite(OffAxis()).test_where_it_says_so_it_cancels_in_the_ratio()
-    suite(OffAxis()).test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter()
-    suite(GainScatter()).test_gains_that_are_drawn_anew_for_a_load_set_say_so_by_their_scatter()
+    for effect, test in [(OffAxis(), CANCELS), (OffAxis(), GAINS), (GainScatter(), GAINS)]:
+        getattr(suite(effect), test)()
     for noise in (WhiteNoise(), MainsHum(), PinkNoise(), Jitter(delay="1 ms")):
-        suite(noise).test_its_noise_is_as_strong_and_as_weak_as_it_says()
+        getattr(suite(noise), NOISE)()
+
+
+# --- a sensor design of a package ---------------------------------------------------------------------
+
+WIDE = """
+from dataclasses import replace
+from palpate.instrument.sensor.designs import SINGLE
+DESIGN = replace(SINGLE, name="wide", ring=replace(SINGLE.ring, outer_radius=4.5e-3), thesis_force_ratio={})
+"""
+ODD = """
+from wide_designs import DESIGN, replace
+DESIGN = replace(DESIGN, name="odd", films=DESIGN.films[:1])
+"""
+
+
+@pytest.fixture
+def wide(install: Install) -> None:
+    places = {"wide": "wide_designs:DESIGN", "odd": "odd_designs:DESIGN"}
+    install("acme", "palpate.designs", places, wide_designs=WIDE, odd_designs=ODD)
+
+
+@pytest.mark.usefixtures("wide")
+def test_a_scene_and_a_bench_name_it_and_a_record_says_whose_it_is(tmp_path: Path) -> None:
+    path = tmp_path / "mine.toml"
+    path.write_text('name = "mine"\npurpose = "Mine."\ndesign = "wide"\nmodel = "column"\n', encoding="utf-8")
+    scene = read_scene(str(path))
+    assert scene.design.ring.outer_radius == 4.5e-3
+    with SimulatedBench(scene) as sim:
+        assert sim.description.design == "wide"
+        assert added_by(sim.description, scene) == {"acme": "1.2"}
+        tables = sim.description.model_dump(mode="json", exclude_none=True)
+    with pytest.raises(ConfigError, match=r"bench.toml: design: .*unknown design 'wine' \(did you mean 'wide'\?\)"):
+        check({**tables, "design": "wine"}, BenchDescription, "bench.toml")
+
+
+@pytest.mark.parametrize(
+    ("name", "why"),
+    [
+        ("lost", r"^design 'lost' of lost 1.2 \(no_such_designs:LOST\): cannot be loaded"),
+        ("other", r"^design 'other' of lost 1.2 .*is no Design that is called 'other'"),
+        ("odd", r"^design 'odd' of acme 1.2 .*RangeError: design 'odd': film 'rigid': there must"),
+        ("none", r"valid: .*single, .*wide"),
+    ],
+)
+@pytest.mark.usefixtures("wide")
+def test_what_cannot_be_a_design_is_refused_and_hinders_no_other(name: str, why: str, install: Install) -> None:
+    install("lost", "palpate.designs", {"lost": "no_such_designs:LOST", "other": "wide_designs:DESIGN"})
+    with pytest.raises(PalpateError, match=why):
+        get_design(name)
+    assert get_design("wide").name == "wide"

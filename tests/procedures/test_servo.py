@@ -1,4 +1,4 @@
-"""The load is brought to where it should be, and the shaker stops where it should not be."""
+"""The load is brought to where it should be, and the shaker stops where it should not be, or does not start."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
 from palpate.instrument.arrays import Floats
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
+from palpate.instrument.errors import BenchError, DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.terminal import Progress
@@ -24,10 +24,10 @@ from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.work import StaticLoadWork
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
-from palpate.procedures.steps.probe import preload
+from palpate.procedures.steps.probe import check_zero, preload
 from palpate.procedures.steps.servo import PATIENCE, LoadServo
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import OFF, happens_in, outputs, sweep
+from tests.procedures.conftest import OFF, Palpate, happens_in, outputs, sweep
 from tests.shares import first_of
 
 PRELOAD = 2.4  # N
@@ -57,23 +57,6 @@ def limited(sim: SimulatedBench, force_limit: float) -> Iterator[Bench]:
     description = sim.description.model_copy(update={"force_limit": force_limit})
     with Bench(description, sim.clock, sim.operator) as bench:
         yield bench
-
-
-@contextmanager
-def off_within(sim: SimulatedBench, since_ns: Callable[[], int], longest: float) -> Iterator[None]:
-    """The amplifier is switched off at most `longest` s of bench time after `since_ns`."""
-    off_ns: list[int] = []
-    write = sim.amplifier.write
-
-    def watched(values: dict[str, float]) -> None:
-        if values.get("enable") == 0.0:
-            off_ns.append(sim.clock.now_ns())
-        write(values)
-
-    sim.amplifier.write = watched  # type: ignore[method-assign]
-    yield
-    assert outputs(sim) == OFF
-    assert 0 <= min(t for t in off_ns if t >= since_ns()) - since_ns() <= longest * 1e9
 
 
 def during(
@@ -142,18 +125,14 @@ def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBenc
     assert now(sim).max() == 0.0
 
 
-def test_an_open_bridge_ends_the_approach(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
+def test_an_open_bridge_ends_the_approach_and_gives_no_steady_force(
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    work = StaticLoadWork(Lab(bench, DESIGNS["single"], THESIS_LOAD_CELL), "1", PRELOAD)
     bench.operator.mount(SAMPLES["1"])
     open_bridge(sim, monkeypatch)
     with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open"):
         preload(bench, THESIS_LOAD_CELL, PRELOAD)
-
-
-def test_a_steady_force_is_not_read_from_an_open_bridge(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    work = StaticLoadWork(Lab(bench, DESIGNS["single"], THESIS_LOAD_CELL), "1", PRELOAD)
-    open_bridge(sim, monkeypatch)
     with pytest.raises(DeviceError, match="no valid reading under load: bridge open"):
         work.load()
 
@@ -177,19 +156,12 @@ def unstable(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, readings: int
 
 
 @pytest.mark.slow
-def test_a_reading_that_is_not_stable_yet_is_waited_for(
+def test_a_reading_that_is_not_stable_yet_is_waited_for_and_one_that_never_is_is_not_used(
     sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     servo = mount(bench)
     unstable(sim, monkeypatch, PATIENCE)
     assert servo.set(2.0) == pytest.approx(2.0, rel=0.05)
-
-
-@pytest.mark.slow
-def test_a_reading_that_never_becomes_stable_is_not_used(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    servo = mount(bench)
     unstable(sim, monkeypatch, 10 * PATIENCE)
     with pytest.raises(DeviceError, match="no valid reading while driving: not stable; outputs are off"):
         servo.set(2.0)
@@ -235,24 +207,21 @@ def test_each_load_is_reached_in_a_few_steps(sim: SimulatedBench, bench: Bench, 
     assert sim.clock.now_ns() - began < 9 * SERVO_STEP * 1e9
 
 
-def test_a_load_beyond_the_current_limit_is_refused_before_the_amplifier_trips(
-    sim: SimulatedBench, bench: Bench
+@pytest.mark.parametrize(
+    ("gain", "limit", "message"),
+    [
+        (2.0, 1.0, r"4 N peak .* needs .* A from the exciter, above 95 % of its limit of 1 A"),
+        (0.5, 5.0, r"needs 1\d(\.\d)? V from the exciter, which gives 10 V"),
+    ],
+)
+def test_a_load_beyond_the_current_limit_or_the_generators_amplitude_is_refused_before_the_amplifier_trips(
+    bench: Bench, gain: float, limit: float, message: str
 ) -> None:
-    servo = mount(bench)
-    bench.device("shaker_amplifier").configure(2.0, 1.0, bench.description.watchdog)
-    servo = LoadServo(bench, THESIS_LOAD_CELL, 10.0, PRELOAD)
-    with pytest.raises(
-        UnreachableError, match=r"4 N peak .* needs .* A from the exciter, above 95 % of its limit of 1 A"
-    ):
-        servo.set(4.0)
+    mount(bench)
+    bench.device("shaker_amplifier").configure(gain, limit, bench.description.watchdog)
+    with pytest.raises(UnreachableError, match=message):
+        LoadServo(bench, THESIS_LOAD_CELL, 10.0, PRELOAD).set(4.0)
     assert bench.device("shaker_amplifier").read().faults_latched == frozenset()
-
-
-def test_a_load_beyond_the_generators_amplitude_is_refused(bench: Bench) -> None:
-    servo = mount(bench)
-    bench.device("shaker_amplifier").set(gain=0.5)
-    with pytest.raises(UnreachableError, match=r"needs 1\d(\.\d)? V from the exciter, which gives 10 V"):
-        servo.set(4.0)
 
 
 def test_where_no_load_appears_the_amplitude_does_not_grow_for_ever(sim: SimulatedBench, bench: Bench) -> None:
@@ -265,38 +234,42 @@ def test_where_no_load_appears_the_amplitude_does_not_grow_for_ever(sim: Simulat
 # --- over-force ----------------------------------------------------------------------------------------
 
 
+HAPPENINGS: dict[str, tuple[Callable[[SimulatedBench, pytest.MonkeyPatch], object], str, str]] = {
+    "stiffens": (lambda sim, _: stiffen(sim), "SafetyError", r"force of .* N passes the bench's limit of 5 N; outputs"),
+    "trips": (lambda sim, _: sim.amplifier.trip("over_temperature"), "SafetyError", "tripped on over_temperature; the"),
+    "opens": (open_bridge, "DeviceError", "no valid reading while driving: bridge open; outputs are off"),
+}
+
+
 @pytest.mark.parametrize("moment", MOMENTS)
-def test_a_stack_that_stiffens_stops_the_shaker_within_a_servo_step(
-    sim: SimulatedBench, tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
+@pytest.mark.parametrize("what", HAPPENINGS)
+def test_a_stack_that_stiffens_an_amplifier_that_trips_and_an_open_bridge_stop_the_run_within_a_servo_step(
+    sim: SimulatedBench, tmp_path: Path, what: str, moment: str, monkeypatch: pytest.MonkeyPatch
 ) -> None:
+    action, error, message = HAPPENINGS[what]
     happened: list[int] = []
+    off: list[int] = []
+    write = sim.amplifier.write
 
-    def jam() -> None:
+    def watched(values: dict[str, float]) -> None:
+        if values.get("enable") == 0.0 and happened:
+            off.append(sim.clock.now_ns())
+        write(values)
+
+    def happen() -> None:
         happened.append(sim.clock.now_ns())
-        stiffen(sim)
+        action(sim, monkeypatch)
 
-    dwell = 1.0  # s, after which the reading tells
-    with (
-        limited(sim, 5.0) as bench,
-        off_within(sim, lambda: happened[0], SERVO_STEP + dwell * (moment == "dwell")),
-        pytest.raises(SafetyError, match=r"force of .* N passes the bench's limit of 5 N; outputs are off"),
-    ):
-        progress = during(monkeypatch, sim, moment, "sample 2, 4 N", jam)
+    monkeypatch.setattr(sim.amplifier, "write", watched)
+    progress = during(monkeypatch, sim, moment, "sample 2, 4 N", happen)
+    with pytest.raises(PalpateError, match=message), limited(sim, 5.0) as bench:
         sweep(bench, tmp_path / "run", samples=("2",), loads=(2.0, 4.0), progress=progress)
+    # Within a dwell the reading tells at its end.
+    assert off[0] - happened[0] <= (SERVO_STEP + 1.0 * (moment == "dwell" and what != "trips")) * 1e9
+    assert outputs(sim) == OFF
     run = Run.open(tmp_path / "run")
-    assert run.status == "failed"
-    assert [p["load_N"] for p in run.points()] == [2.0]
-    assert run.events()[-1]["message"].startswith("SafetyError: force of")
-
-
-@pytest.mark.slow
-def test_the_preload_counts_towards_the_force_limit(sim: SimulatedBench) -> None:
-    with limited(sim, PRELOAD + 1.5) as bench:
-        servo = mount(bench)
-        servo.set(2.0)
-        with pytest.raises(SafetyError, match=r"passes the bench's limit of 3\.9 N"):
-            servo.set(4.0)
-        assert outputs(sim) == OFF
+    assert (run.status, [p["load_N"] for p in run.points()]) == ("failed", [2.0])
+    assert run.events()[-1]["message"].startswith(f"{error}: ")
 
 
 @pytest.mark.slow
@@ -311,39 +284,6 @@ def test_a_load_that_drifts_off_during_the_dwell_is_set_anew_and_the_point_repea
     assert (rejected["kind"], rejected["message"]) == ("rejected", "sample 2, 3 N, attempt 1: drifted")
 
 
-# --- other ends ----------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("moment", MOMENTS)
-def test_an_amplifier_that_trips_stops_the_run(
-    sim: SimulatedBench, bench: Bench, tmp_path: Path, moment: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    happened: list[int] = []
-
-    def trip() -> None:
-        happened.append(sim.clock.now_ns())
-        sim.amplifier.trip("over_temperature")
-
-    progress = during(monkeypatch, sim, moment, "sample 1, 3 N", trip)
-    with pytest.raises(SafetyError, match="tripped on over_temperature; the output is off"):
-        sweep(bench, tmp_path / "run", samples=("1",), progress=progress)
-    assert sim.clock.now_ns() - happened[0] <= 1.0e9
-    bench.__exit__(None, None, None)
-    assert outputs(sim) == OFF
-    assert [p["load_N"] for p in Run.open(tmp_path / "run").points()] == [2.0]
-
-
-@pytest.mark.parametrize("moment", MOMENTS)
-def test_an_open_bridge_stops_the_run_and_enters_no_point(
-    sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch, moment: str
-) -> None:
-    progress = during(monkeypatch, sim, moment, "sample 1, 3 N", lambda: open_bridge(sim, monkeypatch))
-    with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
-        sweep(bench, tmp_path / "run", samples=("1",), progress=progress)
-    assert outputs(sim) == OFF
-    assert [p["load_N"] for p in Run.open(tmp_path / "run").points()] == [2.0]
-
-
 def test_an_output_that_vanishes_never_gives_a_point(
     sim: SimulatedBench, bench: Bench, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -354,3 +294,61 @@ def test_an_output_that_vanishes_never_gives_a_point(
     run = Run.open(tmp_path / "run")
     assert [(p["load_N"], p["valid"]) for p in run.points()] == [(2.0, True)]
     assert run.events()[0]["message"] == "sample 1, 3 N, attempt 1: drifted"
+
+
+# --- what a sweep looks at before it drives, and what it leaves alone ---------------------------------
+
+SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N")
+
+
+def test_a_tare_that_somebody_left_is_cleared(bench: Bench) -> None:
+    indicator = bench.device("strain_indicator")
+    indicator.track(0.1)
+    for weight in (0.2, 0.0):
+        bench.operator.place_weight(weight)
+        bench.clock.wait(1.0)
+        if weight:
+            indicator.command("tare")
+    assert indicator.read().reading_mV < -15
+    check_zero(bench, THESIS_LOAD_CELL)
+    assert indicator.read().reading_mV == pytest.approx(1.8, abs=1.5)
+
+
+def test_a_weight_left_on_the_cell_stops_the_sweep_before_it_drives(bench: Bench, sim: SimulatedBench) -> None:
+    bench.operator.place_weight(0.05)
+    with pytest.raises(BenchError, match=r"without load.*thesis Table 5\.1.*take the load off"):
+        check_zero(bench, THESIS_LOAD_CELL)
+    assert not sim.amplifier.settings["enable"]
+
+
+@pytest.mark.parametrize(
+    ("zero", "told"),
+    [
+        ({}, r"says 20 ± 3\.1 mV"),
+        ({"zero_u": 0.05, "resolution_mV": 0.01, "scatter_mV": 0.3}, r"says 20 ± 0\.48 mV"),
+    ],
+)
+def test_a_calibration_of_another_zero_is_not_used_where_it_differs_by_more_than_readings_scatter(
+    bench: Bench, zero: dict[str, float], told: str
+) -> None:
+    """Else one run in five on an indicator with steps of 0.01 mV stops: its mean of four readings scatters by more."""
+    with pytest.raises(BenchError, match=told):
+        check_zero(bench, THESIS_LOAD_CELL.model_copy(update={"zero_mV": 20.0, **zero}))
+
+
+@pytest.mark.slow
+def test_the_scene_kept_with_a_run_gives_that_run_again(palpate: Palpate) -> None:
+    first = palpate(*SMALL, "--seed", "7", "--model", "column", "--out", "first", "--json").object
+    again = palpate(*SMALL, "--scene", "first/scene.toml", "--out", "again", "--json").object
+    assert (again["seed"], again["model"]) == (7, "column")
+    assert again["points"] == first["points"]
+    assert Run.open(Path("again")).digest() == Run.open(Path("first")).digest()
+
+
+def test_a_real_bench_does_not_sweep_on_the_thesis_calibration(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(Bench, "simulated", False)
+    spoken = palpate(*SMALL)
+    assert spoken.status == 2
+    assert "has no calibration; run palpate calibrate load-cell" in spoken.complaint

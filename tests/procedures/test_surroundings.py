@@ -5,13 +5,15 @@ from __future__ import annotations
 import json
 import os
 import pickle
+import re
 import shutil
 import signal
 import subprocess
 import sys
+import tomllib
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import TypeVar
 
 import pytest
 
@@ -41,33 +43,22 @@ def said(*command: str, **environment: str) -> tuple[int, str]:
     return done.returncode, done.stderr
 
 
+@pytest.mark.slow
+def test_neither_a_backend_for_figures_that_is_not_installed_nor_a_locale_with_ascii_alone_matters() -> None:
+    lacking = {"MPLBACKEND": "nonsense", "LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
+    assert said(PALPATE, *SWEEP[:-1], "--budget", "--out", "run", **lacking) == (0, "")
+    assert Path("run", "plot.png").read_bytes().startswith(b"\x89PNG")
+
+
 @pytest.fixture(scope="module")
-def _namespaces() -> None:
+def namespaces() -> None:
     """Skips the test where this machine gives no user namespaces, within which devices and networks can be hidden."""
     if shutil.which("unshare") is None or said("unshare", "-Urnm", "true")[0] != 0:
         pytest.skip("this machine gives no user namespaces (unshare -Urnm)")
 
 
 @pytest.mark.slow
-def test_a_backend_for_figures_that_is_not_installed_does_not_matter() -> None:
-    assert said(PALPATE, *SWEEP, "--out", "run", MPLBACKEND="nonsense") == (0, "")
-    assert Path("run", "plot.png").read_bytes().startswith(b"\x89PNG")
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize(("wanted", "found"), [("nonsense", "None"), ("svg", "svg")])
-def test_in_a_script_it_does_not_matter_either_and_one_that_is_installed_stays(wanted: str, found: str) -> None:
-    script = (
-        "import os; from palpate.procedures.console.terminal import load_matplotlib; load_matplotlib();"
-        "import matplotlib; from matplotlib.figure import Figure; Figure().savefig('figure.png');"
-        f"assert str(matplotlib.get_backend(auto_select=False)) == {found!r};"
-        f"assert os.environ['MPLBACKEND'] == {wanted!r}"
-    )
-    assert said(sys.executable, "-c", script, MPLBACKEND=wanted) == (0, "")
-
-
-@pytest.mark.slow
-@pytest.mark.usefixtures("_namespaces")
+@pytest.mark.usefixtures("namespaces")
 @pytest.mark.parametrize(
     ("hidden", "told"),
     [
@@ -84,19 +75,6 @@ def test_a_machine_without_terminals_or_without_loopback_is_told_with_its_remedy
     assert all(part in message for part in told)
 
 
-@pytest.mark.slow
-@pytest.mark.usefixtures("_namespaces")
-def test_a_study_needs_no_shared_memory() -> None:
-    Path("study.toml").write_text('name = "small"\n[axes]\nseed = "1-2"\nsample = ["1"]\n', encoding="utf-8")
-    read_only = 'mount -t tmpfs none /dev/shm -o ro && exec "$@"'
-    status, message = said(
-        "unshare", "-Urm", "sh", "-c", read_only, "sh", PALPATE, "study", "study.toml", "--out", "out", "--json"
-    )
-    assert status == 0
-    assert message.startswith("palpate: note: cells are computed one by one") and "/dev/shm" in message
-    assert len(Path("out", "points.csv").read_text(encoding="utf-8").splitlines()) > 2
-
-
 def test_where_processes_cannot_be_had_one_thread_computes_whatever_number_of_workers_is_asked_for(
     monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -111,23 +89,7 @@ def test_where_processes_cannot_be_had_one_thread_computes_whatever_number_of_wo
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])
-def test_a_served_bench_that_a_script_started_in_the_background_ends_by_a_signal(number: signal.Signals) -> None:
-    """The shell of a script starts such a program with SIGINT ignored."""
-    serving = subprocess.Popen(
-        [PALPATE, "serve", "thesis_single", "--out", "bench.toml"],
-        stdin=subprocess.DEVNULL, stdout=subprocess.PIPE,
-        preexec_fn=lambda: signal.signal(signal.SIGINT, signal.SIG_IGN),
-    )  # fmt: skip
-    with serving:
-        assert serving.stdout is not None
-        assert b"bench.toml" in serving.stdout.readline()
-        serving.send_signal(number)
-        assert serving.wait(TIMEOUT) == 0
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("words", [("--help",), ("scene", "list"), (*SWEEP[:-1], "--json")])
+@pytest.mark.parametrize("words", [("--help",), (*SWEEP[:-1], "--json")])
 def test_output_that_nobody_reads_is_no_failure_of_the_bench(words: tuple[str, ...]) -> None:
     ours, theirs = os.pipe()
     os.close(ours)
@@ -145,58 +107,29 @@ def pickled(what: T) -> T:
     return found
 
 
-@pytest.mark.slow
-def test_a_report_is_printed_where_the_locale_has_ascii_alone() -> None:
-    ascii_alone = {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"}
-    assert said(PALPATE, *SWEEP[:-1], "--budget", **ascii_alone) == (0, "")
-
-
 # --- results in other programs -------------------------------------------------------------------------
 
 
-@pytest.fixture(scope="module")
-def done(tmp_path_factory: pytest.TempPathFactory) -> Iterator[palpate.Finished[Any]]:
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setenv("PALPATE_STORE", str(tmp_path_factory.mktemp("store")))
-        with palpate.open_bench(scene="thesis_single", seed=3) as bench:
-            yield palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2), bench)
-
-
-def test_the_cells_of_a_table_can_be_grouped_and_their_json_is_as_it_was(done: palpate.Finished[Any]) -> None:
+def test_a_finished_run_can_be_grouped_and_pickled_with_its_result_and_plot_and_an_open_bench_cannot() -> None:
+    with palpate.open_bench(scene="thesis_single", seed=3) as bench:
+        done = palpate.run(palpate.LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2), bench)
+        with pytest.raises(palpate.UsageError, match="an open bench cannot be pickled, as for another process; open"):
+            pickle.dumps(bench)
     table = done.run.table()
-    for column in table:
-        table.groupby(column)
-        assert all(isinstance(hash(cell), int) for cell in table[column])
-    assert len(table.drop_duplicates()) == 2
+    assert all(isinstance(hash(cell), int) for column in table for cell in table[column])
     assert [type(point["flags"]) for point in done.run.points()] == [list, list]
-
-
-def test_a_finished_run_can_be_pickled_with_its_result_its_outcome_and_its_plot(done: palpate.Finished[Any]) -> None:
     again = pickled(done)
     assert json.dumps(again.outcome) == json.dumps(done.outcome)
-    assert again.procedure == done.procedure
-    assert again.result.summary() == done.result.summary()
+    assert (again.procedure, again.result.summary()) == (done.procedure, done.result.summary())
     assert (again.folder, again.replayed, again.run) == (done.folder, False, done.run)
     plot = again.plot()
-    assert plot is not None
-    drawn = plot.read_bytes()
-    assert done.plot() == plot
-    assert plot.read_bytes() == drawn
-    assert pickled(again).folder == done.folder
+    assert plot is not None and plot == done.plot() and plot.read_bytes()
 
 
-def test_an_open_bench_that_is_to_be_pickled_is_refused_with_a_remedy() -> None:
-    with (
-        palpate.open_bench(scene="thesis_single") as bench,
-        pytest.raises(palpate.UsageError, match="an open bench cannot be pickled, as for another process; open one"),
-    ):
-        pickle.dumps(bench)
-
-
-def _kinds(kind: type[errors.PalpateError]) -> Iterator[type[errors.PalpateError]]:
+def kinds(kind: type[errors.PalpateError]) -> Iterator[type[errors.PalpateError]]:
     yield kind
     for each in kind.__subclasses__():
-        yield from _kinds(each)
+        yield from kinds(each)
 
 
 class Own(errors.DeviceError):
@@ -211,9 +144,74 @@ def test_every_error_survives_pickling_with_its_message_its_notes_and_its_values
         errors.UnknownName("sample", "x", ["y", "z"]), Own(number=4),
         OutOfReach(0.1, Allocation(1, 10, 0.1, 20.0, 0.1, 0.2, {}, "noise"), 0.15, "films"),
     ]  # fmt: skip
-    usual = [kind("it failed") for kind in _kinds(errors.PalpateError) if kind not in map(type, unusual)]
+    usual = [kind("it failed") for kind in kinds(errors.PalpateError) if kind not in map(type, unusual)]
     assert len(usual) > 15
     for error in (*usual, *unusual):
         error.add_note("and more")
         again = pickled(error)
         assert (type(again), str(again), vars(again)) == (type(error), str(error), vars(error))
+
+
+# --- its start: of the time before anything happens, imports are most -----------------------------------
+
+ROOTFINDERS = {"scipy.optimize", "scipy.interpolate"}  # which import most of scipy
+TABLES = {"pandas", "pyarrow"}
+BUSES = {"can", "canopen", "pymodbus", "serial"}
+
+
+@pytest.mark.parametrize(
+    ("command", "needless"),
+    [
+        ("--help", {"numpy", "pydantic", "rich", "pint"}),
+        ("model ratio --sensed-modulus 15kPa", {"scipy", "pydantic", "pint", "matplotlib", *TABLES, *BUSES}),
+        (
+            "model ratio --design array --model surface --sensed-modulus 15kPa --json",
+            {"scipy", "skfem", "pydantic", "pint", "matplotlib", "rich", *TABLES, *BUSES},
+        ),
+        (
+            "model modulus --design single_round --model surface --force-ratio 0.3 --json",
+            {"scipy", "skfem", "pydantic", "pint", "matplotlib", "rich", *TABLES, *BUSES},
+        ),
+        pytest.param("scene explain ideal", {"pint", "matplotlib", *ROOTFINDERS, *TABLES}, marks=pytest.mark.slow),
+        pytest.param(
+            "sweep loads --samples 1 --loads 2N --json",
+            {"pint", "rich.progress", *ROOTFINDERS, *TABLES},
+            marks=pytest.mark.slow,
+        ),
+    ],
+)
+def test_a_command_imports_nothing_that_it_can_do_without(command: str, needless: set[str], tmp_path: Path) -> None:
+    code = "from palpate.procedures.commands import main; main()"
+    done = subprocess.run(
+        [sys.executable, "-X", "importtime", "-c", code, *command.split()],
+        cwd=tmp_path, capture_output=True, text=True, check=True,
+    )  # fmt: skip
+    imported = {line.rpartition("|")[2].strip() for line in done.stderr.splitlines() if line.startswith("import time:")}
+    assert "palpate.procedures.commands" in imported
+    assert not imported & needless
+
+
+@pytest.mark.parametrize("module", ["click", "palpate.procedures.commands.root"])
+def test_ctrl_c_while_the_program_still_starts_is_no_traceback(module: str) -> None:
+    code = f"""
+import sys
+
+class Finder:
+    def find_spec(self, name, path=None, target=None):
+        if name == {module!r}:
+            raise KeyboardInterrupt
+
+sys.meta_path.insert(0, Finder())
+from palpate.procedures.commands import main
+main()
+"""
+    done = subprocess.run([sys.executable, "-c", code, "--help"], capture_output=True, text=True)
+    assert (done.returncode, done.stdout, done.stderr) == (130, "", "palpate: interrupted\n")
+
+
+def test_a_first_sweep_installs_no_test_tools() -> None:
+    project = tomllib.loads((Path(__file__).parents[2] / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+    listed = (project["dependencies"], project["optional-dependencies"]["test"])
+    needed, tools = ({re.split(r"[\[><=]", each)[0] for each in some} for some in listed)
+    assert {"pytest", "mpmath"} <= tools - needed
+    assert not needed & tools
