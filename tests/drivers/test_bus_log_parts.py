@@ -15,21 +15,17 @@ from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.logs.bus_log import (
     BusLog,
-    CanFrame,
     Link,
     Packet,
     PcapngWriter,
-    frame_of,
     kind_called,
     log_files,
-    logged,
     packed,
-    read_frames,
     read_pcapng,
     unpacked,
 )
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.errors import RecordError, UsageError
+from palpate.instrument.errors import RecordError
 from palpate.simulators.clock import VirtualClock
 
 STARTED = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
@@ -50,20 +46,6 @@ STARTED_NS = 1_767_323_045 * 1_000_000_000
 )
 def test_a_log_has_one_file_for_everything_and_one_for_can_where_its_name_says_so(name: str, files: list[str]) -> None:
     assert log_files(Path(name)) == [Path(file) for file in files]
-
-
-def test_a_log_to_read_is_a_file_of_a_known_format(tmp_path: Path) -> None:
-    log = tmp_path / "t.ASC"
-    with pytest.raises(UsageError, match=r"t\.ASC: cannot be read: No such file or directory; check the name$"):
-        logged(log)
-    log.mkdir()
-    with pytest.raises(UsageError, match=r"t\.ASC: is no file, so no bus log; check the name$"):
-        logged(log)
-    log.rmdir()
-    log.touch()
-    assert logged(log) == log
-    with pytest.raises(UsageError, match=r"^t\.txt: no bus log, .*end in \.pcapng, \.blf, \.asc, \.log; "):
-        logged(Path("t.txt"))
 
 
 @pytest.mark.parametrize(("who", "kind"), [("oven", "oven"), ("left (oven)", "oven"), ("a (b) (oven)", "b) (oven")])
@@ -89,11 +71,6 @@ def test_a_frame_is_packed_as_linux_has_it(frame: dict[str, Any], data: str) -> 
     message = can.Message(**frame)
     assert packed(message) == bytes.fromhex(data)
     assert unpacked(bytes.fromhex(data)).equals(message, timestamp_delta=None)
-
-
-def test_a_frame_of_a_log_has_its_time_in_seconds() -> None:
-    packet = Packet(1_500_000_000, "node", Link.CAN, True, bytes.fromhex("00000581 02 000000 0102"))
-    assert frame_of(packet) == CanFrame(1.5, 0x581, b"\1\2")
 
 
 # --- a log ---------------------------------------------------------------------------------------------
@@ -205,23 +182,6 @@ def test_a_time_of_start_counts_in_whole_seconds(bench: Any, tmp_path: Path) -> 
     assert packet.time_ns == STARTED_NS + bench.clock.now_ns()
 
 
-@pytest.mark.parametrize("suffix", ["blf", "asc"])
-def test_frames_stand_in_the_can_format_too_with_their_time_and_way(suffix: str, bench: Any, tmp_path: Path) -> None:
-    path = tmp_path / f"t.{suffix}"
-    with log_of(bench, path):
-        bench.clock.wait(1.0)
-        bench.taps["can"](True, frame(0x601, b"ab"))
-        bench.clock.wait(0.5)
-        bench.taps["can"](False, frame(0x581, b"c"))
-    first, second = read_frames(path)
-    assert (first.identifier, first.data, second.identifier, second.data) == (0x601, b"ab", 0x581, b"c")
-    assert second.time - first.time == pytest.approx(0.5, abs=1e-3)
-    ways = [(message.is_rx, message.channel) for message in can.LogReader(path)]
-    assert ways == [(False, 0), (True, 0)]
-    if suffix == "blf":
-        assert first.time == pytest.approx(1e-9 * (STARTED_NS + bench.clock.now_ns()) - 0.5, abs=1e-3)
-
-
 @pytest.mark.parametrize("failure", [OSError(28, "No space left on device"), ValueError("write to closed file")])
 def test_a_log_that_fails_ends_and_the_run_goes_on_until_its_end(
     failure: Exception, bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -253,21 +213,3 @@ def test_a_failed_log_does_not_hide_the_failure_of_the_run(
     with pytest.raises(KeyError, match="the run"), log_of(bench, tmp_path / "t.pcapng") as log:
         log.describe("{}")
         raise KeyError("the run")
-
-
-def test_a_log_that_cannot_be_ended_is_incomplete(bench: Any, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(_writer: PcapngWriter) -> None:
-        raise OSError(28, "No space left on device")
-
-    monkeypatch.setattr(PcapngWriter, "end", full)
-    with (
-        pytest.raises(RecordError, match=r"incomplete: .*No space left on device"),
-        log_of(bench, tmp_path / "t.pcapng"),
-    ):
-        pass
-
-
-def test_a_log_that_cannot_be_begun_is_told_before_the_bench_is_opened(bench: Any, tmp_path: Path) -> None:
-    with pytest.raises(RecordError, match=r"no/t.blf: the bus log cannot be written: No such file or directory; cho"):
-        log_of(bench, tmp_path / "no" / "t.blf").__enter__()
-    assert bench.taps == {}

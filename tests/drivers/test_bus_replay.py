@@ -11,11 +11,11 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.logs.bus_log import BusLog, Link, Packet, PcapngWriter, read_pcapng
+from palpate.drivers.logs.bus_log import BusLog
 from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import MULTICAST
-from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout
+from palpate.instrument.errors import DeviceError, LinkTimeout
 from palpate.procedures.logs import described
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.scenes.scene import Scene
@@ -131,33 +131,3 @@ def test_signs_of_life_to_the_watchdog_may_come_at_other_times_than_in_the_log(
 
     heard = logged(sim, log, lambda bench: use(bench, 0, 3, 1))
     assert replayed(sim, log, lambda bench: use(bench, 2, 0, 5)) == heard
-
-
-def changed(log: Path, change: Callable[[list[Packet]], list[Packet]]) -> None:
-    path = log.with_suffix(".pcapng")
-    packets = change(list(read_pcapng(path)))
-    with path.open("wb") as file:
-        writer = PcapngWriter(file)
-        for packet in packets:
-            writer.write(packet)
-        writer.end()
-
-
-def test_what_the_log_does_not_hold_at_that_place_is_an_error_that_names_it(sim: SimulatedBench, log: Path) -> None:
-    logged(sim, log)
-
-    def other(bench: Bench) -> None:
-        with bench:
-            bench.device("signal_generator").sine(12.6, 0.5)
-
-    asked = (
-        "the replay sends 'signal_generator <- write frequency = 12.6 Hz, .*the log goes on with .*frequency = 12.5 Hz"
-    )
-    with pytest.raises(ConfigError, match=asked):
-        replayed(sim, log, other)
-    changed(log, lambda packets: [p for p in packets if p.link is not Link.CAN])
-    with pytest.raises(ConfigError, match="the replay sends 'node 1 read vendor', but the log goes on with 'a look"):
-        replayed(sim, log)
-    changed(log, lambda packets: packets[:9])
-    with pytest.raises(ConfigError, match="but the log ends here"):
-        replayed(sim, log)

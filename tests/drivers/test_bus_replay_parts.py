@@ -11,13 +11,11 @@ import can
 import pytest
 
 from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter
-from palpate.drivers.logs.bus_replay import BusReplay, _confirmed, _is_heartbeat, _same, _without_heartbeats
+from palpate.drivers.logs.bus_replay import BusReplay
 from palpate.instrument.errors import ConfigError, UsageError
 
 BENCH = (Path(__file__).parents[1] / "frozen" / "old" / "bench-least.toml").read_text()
 RUN = Packet(1, "run", Link.NOTE, True, json.dumps({"bench": BENCH}).encode())
-AMPLIFIER = "shaker_amplifier"
-HEAD = bytes.fromhex("0001 0000 0006 05")
 
 
 def clock(value: int) -> Packet:
@@ -89,33 +87,6 @@ def test_the_clock_gives_the_times_of_the_log_and_waits_take_none(tmp_path: Path
         replay.now_ns()
 
 
-@pytest.mark.parametrize(
-    ("who", "link", "data", "same"),
-    [
-        ("oven", Link.TCP, b"\0\1rest", True),
-        ("oven", Link.TCP, b"\7\7rest", True),  # the number of a request
-        ("oven", Link.TCP, b"\0\1Rest", False),
-        ("oven", Link.LINE, b"\0\1rest", False),
-        ("fan", Link.TCP, b"\0\1rest", False),
-    ],
-)
-def test_requests_are_the_same_but_for_their_numbers_on_tcp(who: str, link: Link, data: bytes, same: bool) -> None:
-    recorded = Packet(1, "oven", Link.TCP, True, b"\0\1rest")
-    assert _same(recorded, Packet(2, who, link, True, data)) is same
-
-
-@pytest.mark.parametrize("link", [Link.LINE, Link.CAN])
-def test_on_other_links_each_byte_counts(link: Link) -> None:
-    recorded = Packet(1, "oven", link, True, b"\0\1rest")
-    assert _same(recorded, Packet(2, "oven", link, True, b"\0\1rest"))
-    assert not _same(recorded, Packet(2, "oven", link, True, b"\7\1rest"))
-
-
-def test_readings_of_the_clock_are_the_same_whatever_the_time() -> None:
-    assert _same(clock(1), clock(2))
-    assert not _same(clock(1), Packet(1, "run", Link.NOTE, True, b"1"))
-
-
 def test_frames_of_the_bus_come_before_the_action_that_follows_them_and_after_the_one_before(tmp_path: Path) -> None:
     def frame(identifier: int) -> Packet:
         return Packet(3, "node", Link.CAN, False, identifier.to_bytes(4, "big") + bytes(4))
@@ -135,74 +106,3 @@ def test_frames_of_the_bus_come_before_the_action_that_follows_them_and_after_th
         assert heard() == [0x581, 0x582, 0x583]
         replay.now_ns()
         assert heard() == [0x584]
-
-
-def test_the_answer_to_a_request_is_what_the_same_device_said_before_it_was_asked_again(tmp_path: Path) -> None:
-    def packet(who: str, sent: bool, data: bytes = b"") -> Packet:
-        return Packet(3, who, Link.TCP, sent, data)
-
-    replay = BusReplay(
-        log_of(
-            tmp_path,
-            RUN,
-            packet("oven", True),
-            packet("fan", True),
-            packet("fan", False, b"windy"),
-            packet("oven", False, b"warm"),
-            packet("oven", True),
-            packet("oven", True),
-        ),
-        shown,
-    )
-    assert [replay._reply(at) for at in (0, 1, 4, 5)] == [b"warm", b"windy", b"", b""]
-
-
-# --- signs of life -------------------------------------------------------------------------------------
-
-TOKEN = bytes.fromhex("10 0040 0004 08 00070001")  # a write of token and counter
-LOOK = bytes.fromhex("03 0025 0001")  # a read of the status
-
-
-@pytest.mark.parametrize(
-    ("request_", "alive"),
-    [
-        (TOKEN + bytes.fromhex("00000002"), True),
-        (TOKEN + bytes.fromhex("00000001"), False),  # claims it
-        (bytes.fromhex("10 0040 0006 0c 00070001 00000002 0012 0001"), False),  # an order
-        (LOOK, True),
-        (LOOK + b"\0", False),
-        (bytes.fromhex("03 0024 0001"), False),
-    ],
-)
-def test_a_sign_of_life_feeds_the_watchdog_and_does_nothing_else(request_: bytes, alive: bool) -> None:
-    for who in (AMPLIFIER, f"left ({AMPLIFIER})"):
-        assert _is_heartbeat(Packet(1, who, Link.TCP, True, HEAD + request_)) is alive
-    assert not _is_heartbeat(Packet(1, AMPLIFIER, Link.TCP, False, HEAD + request_))
-    assert not _is_heartbeat(Packet(1, "signal_generator", Link.TCP, True, HEAD + request_))
-
-
-@pytest.mark.parametrize(
-    ("request_", "reply"),
-    [
-        (TOKEN + bytes.fromhex("00000002"), "0001 0000 0006 05 10 0040 0004"),
-        (LOOK, "0001 0000 0005 05 03 02 0000"),
-    ],
-)
-def test_a_sign_of_life_is_confirmed_as_the_device_would(request_: bytes, reply: str) -> None:
-    assert _confirmed(HEAD + request_) == bytes.fromhex(reply)
-
-
-def test_signs_of_life_and_the_answers_to_them_are_left_out_of_a_log() -> None:
-    def packet(who: str, sent: bool, data: bytes) -> Packet:
-        return Packet(1, who, Link.TCP, sent, HEAD + data)
-
-    kept = [
-        packet(AMPLIFIER, False, b"of before"),
-        packet(AMPLIFIER, True, b"order"),
-        packet(AMPLIFIER, False, b"done"),
-        packet("oven", True, LOOK),
-        packet("oven", False, b"warm"),
-    ]
-    beat, answer = packet(AMPLIFIER, True, LOOK), packet(AMPLIFIER, False, b"\3\2\0\0")
-    packets = [kept[0], beat, answer, *kept[1:3], beat, kept[3], answer, kept[4]]
-    assert list(_without_heartbeats(packets)) == kept

@@ -123,20 +123,6 @@ def test_an_echo_that_was_lost_does_not_hide_what_others_send() -> None:
     assert told[3:] == [(False, 0x601)]
 
 
-def test_an_echo_has_the_data_of_what_was_sent() -> None:
-    bus, tap, told = tapped(echoes=True)
-    bus.send(frame(0x601, b"a"))
-    tap(frame(0x601, b"b"))
-    assert told[1:] == [(False, 0x601)]
-
-
-def test_on_a_bus_without_echoes_each_frame_that_comes_is_another_s() -> None:
-    bus, tap, told = tapped(echoes=False)
-    bus.send(frame(0x601))
-    tap(frame(0x601))
-    assert told == [(True, 0x601), (False, 0x601)]
-
-
 # --- opening -------------------------------------------------------------------------------------------
 
 

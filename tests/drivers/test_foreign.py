@@ -7,11 +7,11 @@ import struct
 import threading
 import tty
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager, suppress
+from contextlib import contextmanager, suppress
 
 import pytest
 import serial
-from modbus_tk import modbus_rtu, modbus_tcp
+from modbus_tk import modbus_rtu
 from modbus_tk.defines import HOLDING_REGISTERS
 from modbus_tk.modbus import Server, Slave
 from pyModbusTCP.client import ModbusClient
@@ -24,7 +24,6 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import FASTEST, SerialLine, TcpLink
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.own import POSITIONER, SIGNAL_GENERATOR
-from palpate.instrument.errors import IdentityError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 
@@ -35,7 +34,6 @@ SERIAL = b"F-77"
 IDENTIFY = 43
 BAUDRATE = 9600  # at which a pseudo-terminal does not tear a frame apart
 Registers = Callable[[str], list[int]]  # that a field of the device holds
-Stack = Callable[[str], AbstractContextManager[tuple[int, Registers]]]
 
 
 def registers(contract: Contract, name: str) -> list[int]:
@@ -48,14 +46,14 @@ def registers(contract: Contract, name: str) -> list[int]:
 
 
 @contextmanager
-def py_modbus_tcp(vendor: str) -> Iterator[tuple[int, Registers]]:
+def py_modbus_tcp() -> Iterator[tuple[int, Registers]]:
     """A generator on a server of pyModbusTCP: its port, and what it holds."""
     bank = DataBank()
     for field in GENERATOR.fields:
         bank.set_holding_registers(field.address, registers(GENERATOR, field.name))
     identity = GENERATOR.identity
     device_id = DeviceIdentification(
-        vendor_name=vendor.encode(),
+        vendor_name=identity.vendor.encode(),
         product_code=identity.product.encode(),
         major_minor_revision=identity.revision.encode(),
         objects_id={0x80: SERIAL},
@@ -71,14 +69,14 @@ def py_modbus_tcp(vendor: str) -> Iterator[tuple[int, Registers]]:
         server.stop()
 
 
-def modbus_tk_device(server: Server, unit: int, contract: Contract, vendor: str) -> Registers:
+def modbus_tk_device(server: Server, unit: int, contract: Contract) -> Registers:
     """Add a device to a server of modbus-tk, which leaves function 43 to whoever uses it; what it holds."""
     slave: Slave = server.add_slave(unit)
     slave.add_block("all", HOLDING_REGISTERS, 0, max(f.address + f.size // 2 for f in contract.fields))
     for field in contract.fields:
         slave.set_values("all", field.address, registers(contract, field.name))
     identity = contract.identity
-    texts = {0: vendor.encode(), 1: identity.product.encode(), 2: identity.revision.encode(), 0x80: SERIAL}
+    texts = {0: identity.vendor.encode(), 1: identity.product.encode(), 2: identity.revision.encode(), 0x80: SERIAL}
 
     def identify(request: bytes) -> bytes:
         asked = [number for number in texts if request[2] == 3 or number < 3]
@@ -87,23 +85,6 @@ def modbus_tk_device(server: Server, unit: int, contract: Contract, vendor: str)
 
     slave._fn_code_map[IDENTIFY] = identify
     return lambda name: list(slave.get_values("all", contract[name].address, contract[name].size // 2))
-
-
-@contextmanager
-def modbus_tk(vendor: str) -> Iterator[tuple[int, Registers]]:
-    """A generator on a server of modbus-tk: its port, and what it holds."""
-    server = modbus_tcp.TcpServer(0, "127.0.0.1")
-    held = modbus_tk_device(server, 1, GENERATOR, vendor)
-    server._do_init()
-    server._do_init = lambda: None  # once
-    server.start()
-    try:
-        yield server._sock.getsockname()[1], held
-    finally:
-        server.stop()
-
-
-stacks = pytest.mark.parametrize("stack", [py_modbus_tcp, modbus_tk])
 
 
 @contextmanager
@@ -116,26 +97,14 @@ def driver(port: int) -> Iterator[SignalGenerator]:
         link.close()
 
 
-@stacks
-def test_the_generators_driver_uses_a_device_of_another_stack(nothing_left_behind: None, stack: Stack) -> None:
-    with stack(GENERATOR.identity.vendor) as (port, held), driver(port) as generator:
+def test_the_generators_driver_uses_a_device_of_another_stack(nothing_left_behind: None) -> None:
+    with py_modbus_tcp() as (port, held), driver(port) as generator:
         generator.connect()
         assert (generator.serial, generator.simulated) == (SERIAL.decode(), False)
         generator.sine(12.5, 3.0, -0.5)
         assert generator.read() == (12.5, 3.0, -0.5)
         raw = round(12.5 / GENERATOR["frequency"].scale)
         assert held("frequency") == [raw >> 16, raw & 0xFFFF]
-
-
-@pytest.mark.slow
-@stacks
-def test_another_make_on_another_stack_is_refused(stack: Stack) -> None:
-    with (
-        stack("Acme") as (port, _),
-        driver(port) as generator,
-        pytest.raises(IdentityError, match="Acme"),
-    ):
-        generator.connect()
 
 
 # --- a positioner of another maker, on a line ----------------------------------------------------------
@@ -168,7 +137,7 @@ def carry(source: int, sink: int) -> None:
 def test_the_positioners_driver_uses_a_device_of_another_stack_on_a_line(nothing_left_behind: None) -> None:
     with line() as (theirs, ours), serial.Serial(theirs, BAUDRATE) as port:
         server = modbus_rtu.RtuServer(port)
-        held = modbus_tk_device(server, 2, POSITIONER, POSITIONER.identity.vendor)
+        held = modbus_tk_device(server, 2, POSITIONER)
         server.start()
         link = ModbusLink.rtu(SerialLine(port=ours, baudrate=FASTEST, timeout="10 s"))  # type: ignore[arg-type]
         link.open()

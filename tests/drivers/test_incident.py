@@ -22,14 +22,6 @@ def test_incidents_are_stored_with_their_time_also_those_from_before_the_record(
     ]
 
 
-def test_each_incident_counts_once_in_the_point_after_it() -> None:
-    incidents = Incidents(VirtualClock())
-    assert incidents.new() == 0
-    incidents.note("first")
-    incidents.note("second")
-    assert [incidents.new(), incidents.new()] == [2, 0]
-
-
 def test_what_comes_while_the_record_is_closed_waits_for_the_next() -> None:
     incidents = Incidents(VirtualClock())
     first, second = list[str](), list[str]()

@@ -10,10 +10,9 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.device import MOST, WITHIN
-from palpate.instrument.contracts.declaration import Mark, Pdo
-from palpate.instrument.contracts.field import Field, Scaling, sdo
+from palpate.instrument.contracts.declaration import Mark
+from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import DeviceError, IdentityError, UsageError
-from tests.contracts import canopen_contract
 from tests.drivers.makers_thing import FIELDS, THING, made
 
 # --- functions -----------------------------------------------------------------------------------------
@@ -121,14 +120,6 @@ def test_a_scale_that_stands_too_far_away_is_read_once_and_watched() -> None:
         device.differences()
 
 
-def test_a_scale_that_the_map_does_not_know_is_an_error_by_name() -> None:
-    table = Scaling("decimals", "table", {0: 1.0})
-    some = tuple(replace(f, scaling=table) if f.name == "span" else f for f in FIELDS)
-    device, _, _ = made(replace(THING, fields=some))
-    with pytest.raises(DeviceError, match="tells a scale of span that the contract does not know"):
-        device.get("span")
-
-
 @pytest.mark.parametrize("ask", ["get", "held"])
 def test_a_scale_that_cannot_be_is_an_error_by_name_and_no_reading(ask: str) -> None:
     thing = replace(THING, fields=tuple(replace(f, maximum=None) if f.name == "decimals" else f for f in FIELDS))
@@ -138,25 +129,6 @@ def test_a_scale_that_cannot_be_is_an_error_by_name_and_no_reading(ask: str) -> 
         DeviceError, match="gross cannot be used: decimals = 65535 is no number of decimals; valid: -20"
     ):
         getattr(device, ask)("gross")
-
-
-def test_process_data_are_sent_in_the_scale_that_the_node_tells() -> None:
-    node = canopen_contract(
-        Field("target", sdo(0x607A), "int32", "target", access="rw", scaling=Scaling("decimals")),
-        Field("decimals", sdo(0x6132, 1), "uint8", "decimals"),
-        receives=(Pdo("order", 0x200, ("target",)),),
-    )
-    told = node.packed(
-        node.receives[0], {"target": 1.25}, lambda name, value: node.encode(name, value, {"decimals": 2})
-    )
-    assert told == (125).to_bytes(4, "little")
-
-
-def test_a_field_may_have_the_name_of_an_argument() -> None:
-    device, link, _ = made(replace(THING, fields=(*FIELDS, Field("self", 50, "uint16", "self", access="rw"))))
-    device.set(self=3)
-    device.give(**{"self": 4})
-    assert link.held("self") == 4.0
 
 
 def test_a_setting_is_written_in_the_scale_that_the_device_tells() -> None:
@@ -239,13 +211,6 @@ def test_a_command_that_is_not_carried_out_is_told_with_the_state_that_was_found
     assert clock.now_ns() == waited * 1e9
     assert [asked[2] for asked in link.asked if asked[0] == "write_register"].count([1]) == 1
     assert (link.words[5] == 0) is cleared
-
-
-def test_there_is_no_other_command() -> None:
-    device, link, _ = made()
-    with pytest.raises(UsageError, match="command of the thing"):
-        device.command("tear")
-    assert link.asked == []
 
 
 # --- who answers ---------------------------------------------------------------------------------------

@@ -185,14 +185,6 @@ def test_the_filter_of_the_factory_cuts_the_force_and_is_refused_by_name_with_wh
         device.check_frequency(1.0)
 
 
-def test_that_filter_would_have_hidden_most_of_the_load() -> None:
-    device = indicator("flintec-dad-141", {})
-    device.peak_to_peak(0.5)
-    device.twin.rig.load(3.0, 2.0)
-    device.clock.wait(2.0)
-    assert device.read().reading_mV < 0.5 * 2.0 * SPAN
-
-
 @pytest.mark.parametrize(
     ("kind", "section", "says"),
     [
@@ -208,16 +200,18 @@ def test_a_section_that_the_device_cannot_have_is_refused(kind: str, section: di
         indicator(kind, section)
 
 
-def test_without_a_word_of_its_filter_no_frequency_is_allowed() -> None:
-    device = indicator("laumas-tlb4", {})
-    with pytest.raises(RangeError, match='write bandwidth = "NUMBER Hz"'):
-        device.check_frequency(0.5)
-
-
-def test_slow_readings_are_refused_for_a_fast_force() -> None:
-    device = indicator("seneca-z-sg2", {"bandwidth": "60 Hz", "resolution": 0.001})
-    with pytest.raises(RangeError, match=r"12\.5 a second"):
-        device.check_frequency(FREQUENCY)
+@pytest.mark.parametrize(
+    ("kind", "section", "frequency", "says"),
+    [
+        ("laumas-tlb4", {}, 0.5, 'write bandwidth = "NUMBER Hz"'),
+        ("seneca-z-sg2", {"bandwidth": "60 Hz", "resolution": 0.001}, FREQUENCY, r"12\.5 a second"),
+    ],
+)
+def test_a_frequency_that_it_may_not_follow_is_refused(
+    kind: str, section: dict[str, Any], frequency: float, says: str
+) -> None:
+    with pytest.raises(RangeError, match=says):
+        indicator(kind, section).check_frequency(frequency)
 
 
 def test_a_display_whose_step_changes_stops_by_name() -> None:

@@ -264,12 +264,6 @@ def test_sync_that_does_not_come_or_too_seldom_is_noticed(
     assert one.acquire_with([], 0.1)[0].voltage.shape == (1, 25)
 
 
-def test_a_bus_that_only_makers_nodes_are_on_can_be_served_elsewhere(bench: tuple[SimulatedBench, Any]) -> None:
-    """A served bench and the replay of a log move the links of a description."""
-    moved = bench[0].description.moved({"can": {"channel": "elsewhere"}})
-    assert moved.links["can"].channel == "elsewhere"  # type: ignore[union-attr]
-
-
 def test_a_tare_by_text_makes_the_reading_zero(
     bench: tuple[SimulatedBench, Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:

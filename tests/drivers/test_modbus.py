@@ -8,7 +8,6 @@ from concurrent.futures import ThreadPoolExecutor
 from contextlib import ExitStack
 
 import pytest
-from pymodbus.pdu import ModbusPDU
 
 from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import SignalGenerator
@@ -28,16 +27,6 @@ def receive(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, change: Callable[
     monkeypatch.setattr(
         link.client.transaction, "trace_packet", lambda sending, data: data if sending else change(data)
     )
-
-
-def exchange(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, reply: ModbusPDU) -> None:
-    """Let every reply be `reply`."""
-
-    def other(sending: bool, pdu: ModbusPDU) -> ModbusPDU:
-        reply.dev_id, reply.transaction_id = pdu.dev_id, pdu.transaction_id
-        return pdu if sending else reply
-
-    monkeypatch.setattr(link.client.transaction, "trace_pdu", other)
 
 
 @pytest.mark.usefixtures("in_threads")

@@ -38,14 +38,6 @@ def test_an_order_that_is_not_confirmed_is_never_read_back(order: dict[str, Any]
     assert (len(link.asked), noticed) == (1, [])
 
 
-def test_nothing_is_read_back_on_a_bench_that_nobody_attends() -> None:
-    driver, link = oven()
-    link.late = [LinkTimeout("no answer")]
-    with pytest.raises(LinkTimeout):
-        driver.set(heater="on")
-    assert len(link.asked) == 1
-
-
 def test_a_setting_that_may_have_been_carried_out_is_remembered_and_a_refused_one_is_not() -> None:
     driver, link, _ = attended()
     for failure, differences in ((DeviceError("no"), 0), (LinkTimeout("no answer"), 1)):
@@ -127,12 +119,6 @@ def test_after_what_was_asked_or_told_the_watchdog_is_thought_of_and_not_after_a
     assert thought == [1, 2]
 
 
-def test_a_device_that_answers_is_not_sick_and_has_no_notices() -> None:
-    driver, link = oven()
-    driver.set_up(None, 2.0)
-    assert (driver.sick(), driver.notices(), link.asked) == ("", [], [])
-
-
 # --- settings that were lost ---------------------------------------------------------------------------
 
 
@@ -146,13 +132,6 @@ def test_each_setting_that_differs_is_told_with_both_values_and_no_other() -> No
     assert driver.differences()[1:] == ["oven at rack unit 7: heater is 0, was set to on"]
     link.put(setpoint=30.0, heater="on")
     assert driver.differences() == []
-
-
-def test_a_device_without_settings_is_not_asked_for_differences() -> None:
-    driver, link = oven()
-    assert driver.differences() == []
-    driver.restore()
-    assert link.asked == []
 
 
 def test_what_differs_is_written_again_one_by_one_and_looked_at() -> None:
@@ -175,12 +154,3 @@ def test_a_device_that_does_not_take_its_settings_again_is_told_with_all_of_them
         match=r"setpoint is 0, was set to 30\.0; oven at rack unit 7: heater is 0, was set to on: it does not take its",
     ):
         driver.restore()
-
-
-def test_the_last_value_of_a_setting_is_the_one_that_counts() -> None:
-    driver, link = oven()
-    driver.set(setpoint=30.0)
-    driver.set(setpoint=40.0)
-    link.put(setpoint=30.0)
-    driver.restore()
-    assert link.held("setpoint") == 40.0

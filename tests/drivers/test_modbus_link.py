@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import re
 from collections.abc import Callable
-from pathlib import Path
 from typing import Any
 
 import pytest
@@ -132,19 +131,6 @@ def test_each_failure_names_device_and_link_and_the_next_request_connects_afresh
     assert client.done == ["close", "connect"]
 
 
-def test_a_link_that_cannot_be_connected_again_is_told_by_the_device_that_was_asked() -> None:
-    client = Tcp(connects=lambda: False)
-    link = ModbusLink("rack", client)
-    link.distrust()
-    with pytest.raises(
-        LinkError, match=r"^oven: nothing answers at 192\.0\.2\.1:502 within 1\.5 s; check power and network cable"
-    ):
-        link.transact("oven", answers())
-    client.connects = lambda: True
-    assert link.transact("oven", answers()) is REPLY
-    assert client.done == ["close", "connect"] * 2
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -161,21 +147,6 @@ def test_an_exception_response_is_told_by_its_name_in_the_standard(code: int, wo
     assert caught.value.code == code
     link.transact("oven", answers())
     assert client.done == []
-
-
-def test_a_name_that_no_host_can_have_is_told_with_the_bench_file() -> None:
-    def no_name() -> bool:
-        raise ValueError("label empty")
-
-    with pytest.raises(LinkError, match=r"^a\.\.b:502 is no address: label empty; correct it in the bench file$"):
-        ModbusLink("a..b:502", Tcp(no_name)).open()
-
-
-def test_why_a_link_does_not_open_is_looked_up_without_leaving_a_file_open() -> None:
-    before = len(list(Path("/proc/self/fd").iterdir()))
-    with pytest.raises(LinkError):
-        ModbusLink("rack", Tcp(lambda: False)).open()
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
 
 
 # --- silence on a line ---------------------------------------------------------------------------------
@@ -199,13 +170,6 @@ def test_a_line_may_say_as_much_as_a_frame_holds_and_no_more() -> None:
     link = ModbusLink("line", Line(bytes(LARGEST_FRAME), b"x"))
     link.distrust()
     with pytest.raises(LinkError, match=r"^line: the line does not fall silent; look for a device that babbles$"):
-        link.open()
-
-
-def test_a_line_that_is_lost_while_it_is_listened_to_is_told() -> None:
-    link = ModbusLink("line", Line(ConnectionException("gone")))
-    link.distrust()
-    with pytest.raises(LinkError, match=r"^line is lost; check the adapter's plug and cable$"):
         link.open()
 
 
@@ -245,32 +209,6 @@ def test_more_bytes_than_a_reply_can_have_are_refused_whether_somebody_listens_o
         with pytest.raises(ModbusIOException, match=f"more than {LARGEST_REPLY} bytes"):
             trace(False, bytes(LARGEST_REPLY + 1))
         link.tap(lambda _sent, _data: None)
-
-
-@pytest.mark.parametrize("failure", [None, ModbusIOException("cut off")])
-def test_a_tap_is_told_of_a_request_before_it_goes_and_once_of_all_that_came_for_it(failure: Exception | None) -> None:
-    client, heard = Tcp(), list[tuple[bool, bytes]]()
-    link = ModbusLink("rack", client)
-    link.tap(lambda sent, data: heard.append((sent, data)))
-
-    def request(_client: object) -> Any:
-        trace = client.transaction.trace_packet
-        assert trace(True, b"ask") == b"ask"
-        assert heard[-1] == (True, b"ask")
-        for came in (b"an", b"answer"):
-            assert trace(False, came) == came
-        if failure:
-            raise failure
-        return REPLY
-
-    for count in (1, 2):
-        try:
-            link.transact("oven", request)
-        except LinkTimeout:
-            assert failure
-        assert heard == [(True, b"ask"), (False, b"answer")] * count
-    link.transact("oven", answers())  # for which nothing came
-    assert len(heard) == 4
 
 
 def test_a_device_gets_its_silence_and_its_patience_and_no_other_request_does() -> None:

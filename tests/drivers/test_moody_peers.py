@@ -9,7 +9,6 @@ from typing import Any
 import pytest
 
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.links import modbus
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.contract import Contract
@@ -194,19 +193,6 @@ def test_an_acknowledged_order_whose_end_nothing_tells_is_taken_and_noted() -> N
         assert len(peer.writes) == 1
 
 
-def test_a_read_that_is_acknowledged_is_asked_again() -> None:
-    answered = iter([ACKNOWLEDGED, ACKNOWLEDGED])
-    held = Held()
-
-    def answers(request: bytes) -> Said:
-        code = next(answered, 0)
-        return Said(refusal(request, code)) if code else held(request)
-
-    with asked(answers) as (driver, _, _clock):
-        assert driver.get("load") == 12.5
-        assert driver.incidents == []
-
-
 # --- gateways ------------------------------------------------------------------------------------------
 
 
@@ -305,36 +291,6 @@ def test_a_connection_that_ends_instead_of_an_answer_has_a_read_asked_again_and_
         with pytest.raises(LinkError, match=r"closed the connection instead of answering"):
             driver.set(order=1)
         assert len(peer.writes) == 1
-
-
-@pytest.mark.slow
-def test_a_gateway_behind_a_port_of_pyserial_that_hangs_up_is_called_anew() -> None:
-    held = dict(HELD)
-
-    def answers(request: bytes) -> Said:
-        return Said(on_line(request[0], carried_out(held, request[1:-2])), ends=True)
-
-    clock = VirtualClock()
-    with Moody(answers, rtu=True) as peer:
-        line = SerialLine.model_validate({"port": f"socket://127.0.0.1:{peer.port}", "timeout": "5 s"})
-        link = ModbusLink.rtu(line, clock)
-        link.open()
-        driver = _driver(link, clock, contract())
-        assert driver.get("load") == 12.5
-        driver.set(setting=9)
-        link.close()
-        assert (held[SETTING], len(peer.writes), driver.incidents) == (9, 1, [])
-
-
-def test_a_gateway_on_the_network_is_believed_however_soon_it_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its private bound is set so high that every reply of a wire would come too soon: no other door makes it sure."""
-    monkeypatch.setattr(modbus, "earliest_reply", lambda *_: 3600.0)
-    clock = VirtualClock()
-    with Moody(lambda request: Said(on_line(request[0], carried_out(dict(HELD), request[1:-2]))), rtu=True) as peer:
-        link = ModbusLink.rtu(SerialLine.model_validate({"port": f"socket://127.0.0.1:{peer.port}"}), clock)
-        link.open()
-        assert _driver(link, clock, contract()).get("load") == 12.5
-        link.close()
 
 
 def test_at_the_end_of_a_bench_its_outputs_go_off_though_a_device_is_away_for_a_moment(sim: SimulatedBench) -> None:

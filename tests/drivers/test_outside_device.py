@@ -17,15 +17,13 @@ from palpate.drivers.roles import Chamber, Positioner
 from palpate.instrument.additions import load
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
-from palpate.instrument.contracts import contracts_digest
-from palpate.instrument.contracts.export import registers
 from palpate.instrument.errors import BenchError, ConfigError, SettingsLost, UnknownName
 from palpate.procedures.logs import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_faults
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedPlace
-from tests.drivers.outside import EXAMPLES, installed
+from tests.drivers.outside import installed
 
 
 @pytest.fixture
@@ -37,10 +35,6 @@ def oven() -> Iterator[None]:
 @pytest.fixture
 def with_oven(oven: None, scene: Scene) -> Scene:
     return scene.with_devices({"oven": {"kind": "acme-oven"}})
-
-
-def test_the_oven_takes_at_most_sixty_lines() -> None:
-    assert len((EXAMPLES / "oven" / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
 
 
 def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_registers(
@@ -73,15 +67,6 @@ def test_its_faults_strike_it_and_what_it_cannot_have_is_refused(with_oven: Scen
     for kind in ("over_current", "bit_error", "node_reboot", "bridge_open"):
         with pytest.raises(ConfigError, match=f"unknown place of a {kind} 'oven'"):
             with_faults(with_oven, [{"kind": kind, "on": "oven", "at": "1 s"}])
-
-
-def test_a_record_knows_its_contract_and_people_its_registers(with_oven: Scene) -> None:
-    with SimulatedBench(with_oven) as sim:
-        contracts = sim.description.contracts
-    assert [contract.name for contract in contracts] == ["acme-oven"]
-    assert contracts_digest(contracts) != contracts_digest()
-    assert "| 0x0010 | setpoint | int16 | degC |" in registers(contracts)
-    assert "Acme OV-60, an oven around the sensor" in registers(contracts)
 
 
 def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: Scene, closed_port: int) -> None:

@@ -95,28 +95,6 @@ def tcp_of(data: bytes, number: int) -> tuple[bytes, bytes]:
     return data[at + 28 : at + 48], data[at + 48 : at + 68]
 
 
-def test_each_device_has_a_connection_of_its_own_whose_bytes_are_counted_both_ways() -> None:
-    packets = [
-        Packet(0, "oven", Link.TCP, True, b"12"),
-        Packet(0, "fan", Link.TCP, True, b"1"),
-        Packet(0, "oven", Link.TCP, False, b"12345"),
-        Packet(0, "fan", Link.TCP, True, b"1"),
-        Packet(0, "oven", Link.TCP, True, b"1"),
-    ]
-    data = written(*packets)
-    found = []
-    for number in range(len(packets)):
-        ip, tcp = tcp_of(data, number)
-        found.append((ip[15], ip[19], *struct.unpack_from(">HHII", tcp)))
-    assert found == [
-        (1, 2, 50_000, 502, 1, 1),
-        (1, 3, 50_001, 502, 1, 1),
-        (2, 1, 502, 50_000, 1, 3),
-        (1, 3, 50_001, 502, 2, 1),
-        (1, 2, 50_000, 502, 3, 6),
-    ]
-
-
 @pytest.mark.parametrize("size", [0, 1, 260, 9_000, 20_000, 40_000])
 def test_the_check_sum_of_the_ip_header_is_that_of_rfc_791(size: int) -> None:
     """The one's complement sum of all its 16-bit words is FFFFh."""
@@ -140,15 +118,6 @@ def test_packets_come_back_whatever_their_length(size: int, tmp_path: Path) -> N
     assert read(tmp_path, written(*packets)) == packets
 
 
-def test_a_file_without_its_end_is_read_up_to_there_and_told(tmp_path: Path) -> None:
-    found = []
-    path = tmp_path / "c.pcapng"
-    path.write_bytes(written(*PACKETS, end=False))
-    with pytest.raises(ValueError, match="it was cut off: its end is missing"):
-        found.extend(packet for packet in read_pcapng(path))
-    assert found == PACKETS
-
-
 WHOLE = written(*PACKETS)
 CUT_OFF = written(*PACKETS, end=False)
 
@@ -170,8 +139,3 @@ CUT_OFF = written(*PACKETS, end=False)
 def test_damage_is_told_with_its_kind_and_place(content: bytes, says: str, tmp_path: Path) -> None:
     with pytest.raises(ValueError, match=f"^{re.escape(says)}"):
         read(tmp_path, content)
-
-
-def test_a_note_that_is_not_the_hash_may_be_called_so_on_another_interface(tmp_path: Path) -> None:
-    packets = [Packet(1, "sha256", Link.CAN, True, bytes(8)), *PACKETS]
-    assert read(tmp_path, written(*packets)) == packets

@@ -105,11 +105,6 @@ def test_a_device_that_shows_another_unit_fits_and_the_doubt_is_told() -> None:
     assert "unit is 'kg', the contract reads 'N'" in found.doubt
 
 
-def test_a_device_without_a_serial_number_tells_none() -> None:
-    (found,) = searched(Slaves(u1=[7, 1, 5, 0]), [1], [kind(contract("plain", serial=""))]).found
-    assert (found.fits, found.serial) == (("plain",), "")
-
-
 def test_a_device_that_only_refuses_answers_and_is_not_known() -> None:
     (found,) = searched(Slaves(u2=[]), [1, 2]).found
     assert (found.unit, found.fits, found.candidates, found.says) == (2, (), (), "")

@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
 from dataclasses import replace
 from typing import Any
 
-import can
 import numpy as np
 import pytest
 
@@ -25,12 +23,6 @@ class TestSensorNode(CanopenConformance):
     @staticmethod
     def ends(bench: Bench, sim: SimulatedBench) -> tuple[CanopenSensorNode, SimulatedSensorNode]:
         return bench.device("sensor_node_1"), sim.nodes[0]
-
-
-@pytest.fixture
-def listener(sim: SimulatedBench) -> Iterator[can.BusABC]:
-    with can.Bus(interface="virtual", channel=sim.description.links["can"].channel) as bus:
-        yield bus
 
 
 def put_on_films(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch, total: float) -> None:

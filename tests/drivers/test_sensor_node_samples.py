@@ -79,16 +79,6 @@ def test_samples_that_a_block_lacks_or_holds_twice_are_told(counters: list[int],
         driver.collect(4)
 
 
-def test_what_came_before_is_forgotten_by_the_next_recording() -> None:
-    driver, link, _ = node()
-    driver.arm(5)
-    samples(link, 1, 7, 0, 0, 0)
-    driver.arm(1)
-    samples(link, 1, 9, 0, 0, 0)
-    assert driver.collect(1).voltage[0, 0] == 9 * 5 / 32768
-    assert [done for done in link.done if done[0] == "command"] == [("command", 3, "OPERATIONAL")] * 2
-
-
 @pytest.mark.parametrize(
     ("frames", "number"),
     [
@@ -201,14 +191,6 @@ def test_nodes_sample_at_the_rate_of_the_first_that_produces_sync(monkeypatch: p
     found = acquire([first, second], 0.003)
     assert [each.rate for each in found] == [1000.0, 1000.0]
     assert [done for done in other.done if done[0] == "download"] == []
-
-
-@pytest.mark.parametrize("rate", [0.0, -1.0, float("nan"), float("inf"), 20_000.0, 0.05])
-def test_a_sample_rate_that_cannot_be_is_refused_before_anything_is_sent(rate: float) -> None:
-    driver, link, _ = node()
-    with pytest.raises(RangeError):
-        driver.set_sample_rate(rate)
-    assert (link.done, driver.rate) == ([], 1000.0)
 
 
 def test_a_sample_rate_is_what_the_node_holds_of_it() -> None:

@@ -4,45 +4,13 @@ from __future__ import annotations
 
 import math
 import re
-from collections.abc import Callable
-from typing import Any
 
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.errors import BenchError, DeviceError, LinkTimeout, SettingsLost
+from palpate.instrument.errors import BenchError, DeviceError, SettingsLost
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive, open_bench
-
-
-def unconfirmed(bench: Bench, monkeypatch: pytest.MonkeyPatch, *, carried_out: bool) -> list[str]:
-    """The generator's next write is not confirmed; what its driver notices from now on."""
-    generator, noticed = bench.device("signal_generator"), list[str]()
-    transact, failures = generator.link.transact, [LinkTimeout("no answer")]
-
-    def once(name: str, function: Callable[..., Any], *asked: Any, **timing: Any) -> Any:
-        if not failures or "write" not in function.__name__:
-            return transact(name, function, *asked, **timing)
-        if carried_out:
-            transact(name, function, *asked, **timing)
-        raise failures.pop()
-
-    monkeypatch.setattr(generator.link, "transact", once)
-    generator.read_attempts, generator.noticed = 2, noticed.append
-    return noticed
-
-
-# --- one device ----------------------------------------------------------------------------------------
-
-
-def test_a_sine_has_no_offset_and_a_tracking_indicator_no_other_mode_unless_it_is_said(bench: Bench) -> None:
-    bench.device("signal_generator").sine(10.0, 1.0)
-    assert bench.device("signal_generator").read() == (10.0, 1.0, 0.0)
-    bench.device("strain_indicator").peak_to_peak(1.0)
-    bench.device("strain_indicator").track(0.5)
-    indicator = bench.device("strain_indicator")
-    assert indicator.contract.choice("mode", indicator.get("mode")) == "track"
-
 
 # --- a bench ---------------------------------------------------------------------------------------------
 
@@ -52,19 +20,6 @@ def test_a_bench_whose_devices_have_served_others_opens_without_a_difference(sim
     for _ in range(2):
         with open_bench(sim) as bench:
             bench.check_settings()
-
-
-def test_a_bench_drives_from_the_order_to_the_end(sim: SimulatedBench) -> None:
-    with open_bench(sim) as bench:
-        assert not bench.driving
-        assert not bench.attended
-        drive(bench)
-        assert bench.driving
-    assert not bench.driving
-
-
-def test_a_bench_that_was_never_opened_may_be_closed(sim: SimulatedBench) -> None:
-    open_bench(sim).__exit__(None, None, None)
 
 
 def test_an_opened_bench_holds_what_its_file_says(bench: Bench, sim: SimulatedBench) -> None:

@@ -6,11 +6,10 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.exciter import AmplifierState, ShakerAmplifier
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts.own import SHAKER_AMPLIFIER
-from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SafetyError, SettingsLost
+from palpate.instrument.errors import DeviceError, SafetyError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.registers import Registers
 
@@ -44,20 +43,6 @@ def test_a_driver_reads_what_the_amplifier_says_of_itself() -> None:
 
 
 @pytest.mark.parametrize(
-    ("latched", "said"),
-    [
-        (0b00001, r"tripped on over_current; the output is off\. Remove the cause, then clear the faults$"),
-        (0b10001, r"tripped on over_current, watchdog; the output is off\. Remove the cause"),
-        (0b10000, r"tripped on watchdog; the output is off\. It heard nothing of this program for too long: .* sleep"),
-    ],
-)
-def test_an_amplifier_that_has_tripped_is_told_with_its_causes_and_what_to_do(latched: int, said: str) -> None:
-    driver, _ = alone(faults_latched=latched)
-    with pytest.raises(SafetyError, match=f"^shaker amplifier at rack unit 1: {said}"):
-        driver.check()
-
-
-@pytest.mark.parametrize(
     ("held", "limit", "safe"),
     [
         ({"temperature": 85.0}, 5.0, True),
@@ -83,24 +68,6 @@ def test_outputs_go_off_before_the_amplifier_trips_on_heat_or_on_its_peak_curren
         driver.check()
 
 
-def test_signs_of_life_and_orders_are_counted_apart_and_anew_for_each_claim() -> None:
-    driver, link = alone()  # the claim was the first sign of life
-    driver.feed()
-    driver.enable()
-    driver.live()
-    driver.clear_faults()
-    assert orders(link) == [
-        {"counter": 2},
-        {"counter": 1, "order": 0x12, "value": 1},
-        {"counter": 3},
-        {"counter": 2, "order": 0x13, "value": 1},
-    ]
-    driver.release()
-    link.asked.clear()
-    assert driver.claim()
-    assert orders(link) == [{"counter": 1}]
-
-
 def test_who_owns_it_already_feeds_it_by_a_claim_and_takes_a_new_ticket_when_he_is_forgotten() -> None:
     driver, link = alone()
     assert driver.claim()
@@ -122,43 +89,11 @@ def refused(code: int) -> DeviceError:
     return DeviceError(f"answered exception {code}", code=code)
 
 
-@pytest.mark.parametrize(
-    ("failure", "kind", "said"),
-    [
-        (refused(6), BenchInUse, "belongs to another program, which feeds its watchdog; wait for that to end"),
-        (refused(3), SettingsLost, "does not know this program any more; look at it"),
-        (refused(4), DeviceError, r"answered exception 4, to gain = 3\.0 V/V \(0 to 20\)"),
-    ],
-)
-def test_an_order_that_is_refused_says_why(failure: DeviceError, kind: type[BenchError], said: str) -> None:
-    driver, link = alone()
-    link.failures = [failure]
-    with pytest.raises(kind, match=said) as caught:
-        driver.set(gain=3.0)
-    assert type(caught.value) is kind
-    assert caught.value.device == driver.name
-
-
 def test_only_an_amplifier_without_the_register_of_the_owner_counts_as_one_without_owners() -> None:
     link: Any = Registers(SHAKER_AMPLIFIER)
     link.failures = [refused(4)]
     with pytest.raises(DeviceError, match="answered exception 4, to a read of ticket"):
         ShakerAmplifier(link, 1, VirtualClock()).claim()
-
-
-def test_an_amplifier_that_has_no_owners_takes_settings_and_any_request() -> None:
-    link: Any = Registers(SHAKER_AMPLIFIER)
-    clock: Any = None
-    driver = ShakerAmplifier.at(DevicePlace(link, 1, AmplifierSettings(watchdog_fed_by="any request"), clock))
-    assert driver.claim()
-    assert link.asked == []
-    driver.set(gain=3.0, current_limit=2.0)
-    driver.feed()
-    assert [asked[:3] for asked in link.asked] == [
-        ("write_registers", 0x10, [300, 2000]),
-        ("read_registers", 0x25, 1),
-    ]
-    assert ShakerAmplifier.at(DevicePlace(link, 1, AmplifierSettings(), clock)).owned
 
 
 @pytest.mark.parametrize(

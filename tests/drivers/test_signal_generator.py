@@ -58,15 +58,6 @@ def test_a_phase_reset_restarts_the_waveform_at_zero(bench: Bench, sim: Simulate
     assert volts_at(sim.generator, 0.0, 0.025, 0.075) == pytest.approx([0.0, 2.0, -2.0], abs=1e-12)
 
 
-def test_the_output_relay_opens_and_closes(bench: Bench, sim: SimulatedBench) -> None:
-    bench.device("signal_generator").sine(10.0, 2.0, offset=1.0)
-    assert volts_at(sim.generator, 0.025).tolist() == [0.0]
-    assert bench.device("signal_generator").get("status") == 0
-    bench.device("signal_generator").output(True)
-    assert volts_at(sim.generator, 0.025) == pytest.approx([3.0])
-    assert bench.device("signal_generator").get("status") == 1
-
-
 @pytest.mark.parametrize(("amplitude", "offset"), [(6.0, 4.000001), (9.0, -1.1), (math.nan, 0.0), (0.1, math.nan)])
 def test_a_peak_above_the_rail_is_refused_before_it_is_sent(
     amplitude: float, offset: float, bench: Bench, monkeypatch: pytest.MonkeyPatch
@@ -75,12 +66,6 @@ def test_a_peak_above_the_rail_is_refused_before_it_is_sent(
     with pytest.raises(RangeError, match="signal generator: "):
         bench.device("signal_generator").sine(10.0, amplitude, offset)
     assert wire.requests == []
-
-
-def test_every_peak_up_to_the_rail_is_taken(bench: Bench) -> None:
-    for tenths in range(0, 101, 7):
-        bench.device("signal_generator").sine(10.0, tenths / 10, offset=(tenths - 100) / 10)
-    assert bench.device("signal_generator").read() == (10.0, 9.8, -0.2)
 
 
 def test_the_generator_says_why_it_refused(bench: Bench) -> None:

@@ -8,7 +8,7 @@ from typing import Any
 
 import canopen
 import pytest
-from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
+from canopen.sdo.exceptions import SdoCommunicationError
 
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.can import CheckedSdoClient, has_wire
@@ -79,19 +79,6 @@ def test_an_answer_to_another_request_is_passed_over(late: str) -> None:
     assert Answers(late, READ_2000).sdo.upload(0x2000, 0) == bytes.fromhex("78563412")
     with pytest.raises(SdoCommunicationError):
         Answers(late).sdo.upload(0x2000, 0)
-
-
-def test_what_came_before_it_was_asked_for_is_thrown_away() -> None:
-    answers = Answers(READ_2000)
-    answers.sdo.on_response(0x581, bytearray.fromhex("43 00 20 00 01 00 00 00"), 0.0)
-    assert answers.sdo.upload(0x2000, 0) == bytes.fromhex("78563412")
-
-
-@pytest.mark.parametrize("who", ["00 20 00", "00 00 00"])
-def test_an_abort_of_the_transfer_ends_it(who: str) -> None:
-    with pytest.raises(SdoAbortedError) as abort:
-        Answers(f"80 {who} 11 00 09 06").sdo.upload(0x2000, 0)
-    assert abort.value.code == 0x0609_0011
 
 
 def test_a_node_that_does_not_say_how_many_bytes_count_gives_those_of_the_object() -> None:

@@ -46,28 +46,6 @@ def ideal(scene: Scene) -> Scene:
     return replace(scene, effects={})
 
 
-def test_the_gage_factor_divides_the_reading(scene: Scene) -> None:
-    with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.operator.place_weight(0.5)
-        shown = []
-        for factor in (8.98, 4.49, 17.96):
-            bench.device("strain_indicator").configure(factor, 200)
-            bench.clock.wait(2.0)
-            shown.append(bench.device("strain_indicator").read().reading_mV)
-    millivolts = 0.5 * GRAVITY * MILLIVOLT_PER_NEWTON
-    assert shown == pytest.approx([millivolts, 2 * millivolts, millivolts / 2], abs=1e-4)
-
-
-def test_a_load_that_just_changed_is_not_stable(bench: Bench, sim: SimulatedBench) -> None:
-    bench.device("strain_indicator").track(0.1)
-    bench.operator.place_weight(0.3)
-    assert not bench.device("strain_indicator").read().stable
-    sim.clock.wait(0.699)
-    assert not bench.device("strain_indicator").read().valid
-    sim.clock.wait(0.002)
-    assert bench.device("strain_indicator").read().valid
-
-
 def test_the_filter_follows_with_its_time_constant(scene: Scene) -> None:
     with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         bench.device("strain_indicator").track(2.0)

@@ -58,11 +58,6 @@ def test_a_reading_is_valid_where_it_stands_still_and_the_bridge_is_whole(status
     assert driver.sick() == sick
 
 
-def test_a_reading_that_is_no_number_is_not_valid() -> None:
-    assert not IndicatorReading(math.nan, 1.0, "", "").valid
-    assert not IndicatorReading(1.0, 1.0, "", "display not updated").valid
-
-
 @pytest.mark.parametrize(
     ("counts", "floating", "used"),
     [
@@ -115,14 +110,6 @@ def test_a_display_is_stale_when_it_was_not_renewed_though_there_was_time_for_th
     assert not driver.read().sick
 
 
-def test_a_display_is_stale_since_it_was_renewed_not_since_it_was_read() -> None:
-    driver, _, clock = indicator(updates=7)
-    for _ in range(4):
-        assert not driver.read().sick
-        clock.wait(0.1)
-    assert driver.read().sick
-
-
 def test_a_reading_with_the_count_of_the_one_before_is_asked_for_once_more() -> None:
     """It may be the reply of then, which was late; on a serial line the second one has another length."""
     driver, link, _ = indicator(updates=7)
@@ -166,22 +153,7 @@ def test_a_display_that_was_renewed_less_often_than_before_is_an_old_reply(
     assert link.distrusted == 1  # the true reply may still come
 
 
-def test_an_indicator_that_is_identified_anew_may_have_started_anew() -> None:
-    driver, link, _ = indicator(updates=1000)
-    driver.read()
-    link.put(updates=0)
-    driver.identify()
-    assert driver.read().valid
-
-
 # --- settings and commands -----------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(("mode", "value"), [("track", 0.0), ("peak_to_peak", 1.0)])
-def test_an_indicator_follows_or_holds_peaks_over_its_window(mode: str, value: float) -> None:
-    driver, link, _ = indicator()
-    getattr(driver, mode)(2.5)
-    assert (link.held("mode"), link.held("filter")) == (value, pytest.approx(2.5))
 
 
 COMMANDS = STRAIN_INDICATOR["command"].choices
@@ -198,17 +170,6 @@ def carried_out(link: Any, clock: VirtualClock, after: float, last: str, result:
         return reply
 
     link.replied = look
-
-
-@pytest.mark.parametrize("command", ["zero", "clear_zero", "tare", "clear_tare"])
-def test_a_command_is_looked_at_until_it_is_done(command: str) -> None:
-    driver, link, clock = indicator()
-    begun = clock.now_ns()
-    carried_out(link, clock, 0.05, command, "done")
-    driver.command(command)
-    assert link.writes() == [(STRAIN_INDICATOR["command"].address, [COMMANDS[command]])]
-    assert 0.05e9 <= clock.now_ns() - begun <= 0.08e9
-    assert driver.differences() == []  # it is no setting
 
 
 @pytest.mark.parametrize(
