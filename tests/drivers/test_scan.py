@@ -31,7 +31,7 @@ from palpate.instrument.contracts.declaration import Identity, Manners, Mark
 from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import UsageError
 from palpate.simulators.clock import VirtualClock
-from tests.drivers.test_foreign_node import NODE, ForeignNode
+from tests.drivers.test_foreign import NODE, ForeignNode
 from tests.drivers.virtual_line import VirtualLine, checked
 
 PORT = "virtual line"

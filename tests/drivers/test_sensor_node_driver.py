@@ -2,10 +2,17 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
 
-from palpate.instrument.errors import DeviceError, LinkTimeout
+from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES
+from palpate.drivers.devices.sensor_node import LATEST_WAITS, acquire
+from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout, RangeError
+from palpate.simulators.clock import VirtualClock
 from tests.drivers.objects import node
+from tests.memory import growth
 
 SYNC, PRODUCES = 0x80, 0x4000_0080
 
@@ -95,3 +102,193 @@ def test_emergencies_are_told_once_by_their_codes() -> None:
     assert driver.notices() == ["sensor node 3 at bus: emergency 0x0000", "sensor node 3 at bus: emergency 0x8110"]
     assert driver.notices() == []
     assert link.done[0] == ("upload", 3, 0x1001, 0, 1)  # an answer follows what was due
+
+
+# --- samples -------------------------------------------------------------------------------------------
+
+
+def samples(link: Any, counter: int, *counts: int, saturated: int = 0) -> None:
+    link.send(0x183, b"".join(count.to_bytes(2, "little", signed=True) for count in counts))
+    link.send(0x283, counter.to_bytes(4, "little") + bytes([saturated]))
+
+
+def test_samples_are_volts_of_their_channel_s_range_with_their_time_and_saturation() -> None:
+    driver, link, _ = node(range_2="500 mV", sync_period=0.002)
+    driver.set_range(3, "500 mV")
+    driver.arm(2)
+    samples(link, 1, 16384, 16384, -16384, -32768)
+    samples(link, 2, 0, 1, 2, 3, saturated=0b1010)
+    found = driver.collect(2)
+    assert (found.node, found.rate, found.time.tolist()) == (3, 500.0, [0.002, 0.004])
+    assert found.voltage[:, 0].tolist() == [2.5, 0.25, -0.25, -5.0]
+    assert found.voltage[:, 1] == pytest.approx([0.0, 0.5 / 32768, 1 / 32768, 15 / 32768])
+    assert found.saturated.tolist() == [[False, False], [False, True], [False, False], [False, True]]
+
+
+def block(link: Any, counters: list[int]) -> None:
+    counts = np.array([[counter, -counter, 0, 7] for counter in counters], "<i2").view(np.uint8)
+    stamps = np.array([[*counter.to_bytes(4, "little"), 0b0100] for counter in counters], np.uint8)
+    (take,) = link.whole.values()
+    take({0x183: counts, 0x283: stamps})
+
+
+def test_a_block_of_samples_gives_what_its_frames_give_one_by_one() -> None:
+    driver, link, _ = node()
+    driver.arm(4)
+    for counter in (1, 2, 3, 4):
+        samples(link, counter, counter, -counter, 0, 7, saturated=0b0100)
+    singly = driver.collect(4)
+    driver.arm(4)
+    samples(link, 1, 1, -1, 0, 7, saturated=0b0100)
+    block(link, [2, 3])
+    samples(link, 4, 4, -4, 0, 7, saturated=0b0100)
+    found = driver.collect(4)
+    assert found.voltage.tolist() == singly.voltage.tolist()
+    assert found.saturated.tolist() == singly.saturated.tolist()
+
+
+def test_no_more_is_kept_of_a_block_than_was_asked_for() -> None:
+    driver, link, _ = node()
+    for armed in (False, True):
+        if armed:
+            driver.arm(1)
+        with growth() as grown:
+            block(link, list(range(1, 2001)))
+        assert grown() < 10_000  # bytes
+
+
+@pytest.mark.parametrize(("counters", "first"), [([1, 2, 4, 5], 3), ([1, 1, 2, 3], 2), ([1, 2, 3], 4)])
+def test_samples_that_a_block_lacks_or_holds_twice_are_told(counters: list[int], first: int) -> None:
+    driver, link, _ = node()
+    driver.arm(4)
+    block(link, counters)
+    with pytest.raises(LinkError, match=f"samples are missing from number {first} on"):
+        driver.collect(4)
+
+
+@pytest.mark.parametrize(
+    ("frames", "number"),
+    [
+        ([(0x183, 8), (0x283, 5)], 2),  # one sample of two
+        ([(0x183, 8), (0x283, 5), (0x183, 8)], 2),
+        ([(0x283, 5), (0x183, 8), (0x283, 5)], 1),
+        ([(0x183, 8), (0x283, 5), (0x183, 7), (0x283, 5)], 2),
+        ([(0x183, 8), (0x283, 6), (0x183, 8), (0x283, 5)], 1),
+        ([], 1),
+    ],
+)
+def test_frames_that_are_missing_or_odd_are_told_by_the_sample(frames: list[tuple[int, int]], number: int) -> None:
+    driver, link, _ = node()
+    driver.arm(2)
+    for count, (cob_id, size) in enumerate(frames):
+        link.send(cob_id, bytes([1 + count // 2] + (size - 1) * [0]))
+    with pytest.raises(LinkError, match=f"samples are missing from number {number} on; the bus lost frames, record ag"):
+        driver.collect(2)
+
+
+@pytest.mark.parametrize(("counters", "number"), [((1, 3), 2), ((2, 3), 1), ((1, 1), 2), ((0, 1), 1)])
+def test_samples_out_of_order_are_told_by_the_first(counters: tuple[int, ...], number: int) -> None:
+    driver, link, _ = node()
+    driver.arm(2)
+    for counter in counters:
+        samples(link, counter, 0, 0, 0, 0)
+    with pytest.raises(LinkError, match=f"samples are missing from number {number} on"):
+        driver.collect(2)
+
+
+def test_a_node_with_as_many_emergencies_as_are_kept_records_nothing() -> None:
+    driver, link, _ = node()
+    driver.arm(1)
+    for _ in range(MOST_EMERGENCIES - 1):
+        link.send(0x83, bytes(8))
+    samples(link, 1, 0, 0, 0, 0)
+    assert driver.collect(1).voltage.shape == (4, 1)
+    for _ in range(2):
+        link.send(0x83, bytes(8))
+    assert len(driver.emergencies) == MOST_EMERGENCIES
+    with pytest.raises(DeviceError, match=f"has sent {MOST_EMERGENCIES} emergencies; find out why, then open it again"):
+        driver.collect(1)
+
+
+# --- sampling ------------------------------------------------------------------------------------------
+
+
+def sampling(link: Any, clock: VirtualClock, monkeypatch: pytest.MonkeyPatch, late: float = 0.0) -> list[float]:
+    """The node takes a sample a millisecond of waiting, but for `late` s of the first wait; returns the waits."""
+    waits, taken, wait = list[float](), [0], clock.wait
+
+    def waited(duration: float) -> None:
+        waits.append(duration)
+        wait(duration)
+        if link.value("sync_cob_id") == PRODUCES:
+            for _ in range(round(1000 * (duration - (late if len(waits) == 1 else 0.0)))):
+                taken[0] += 1
+                samples(link, taken[0], taken[0], 0, 0, 0)
+            link.put(sample_counter=taken[0])
+
+    monkeypatch.setattr(clock, "wait", waited)
+    return waits
+
+
+@pytest.mark.parametrize(("late", "waits"), [(0.0, [0.02]), (0.005, [0.02, 0.005])])
+def test_a_node_produces_sync_while_it_samples_and_not_a_moment_longer(
+    late: float, waits: list[float], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    driver, link, clock = node()
+    waited = sampling(link, clock, monkeypatch, late)
+    recording = driver.acquire(0.02)
+    assert recording.voltage[0] * 32768 / 5 == pytest.approx(np.arange(1, 21))
+    assert waited == pytest.approx(waits)
+    written = [done[2:] for done in link.done if done[0] == "download"]
+    assert written == [(0x1005, 0, PRODUCES.to_bytes(4, "little")), (0x1005, 0, SYNC.to_bytes(4, "little"))]
+    assert [done[2] for done in link.done if done[0] == "command"] == ["OPERATIONAL", "PRE-OPERATIONAL"]
+
+
+def test_a_node_that_takes_no_samples_is_given_up_after_some_waits_and_left_at_rest() -> None:
+    driver, link, clock = node()
+    begun = clock.now_ns()
+    with pytest.raises(DeviceError, match="20 of 20 samples were not taken; check SYNC and NMT state"):
+        driver.acquire(0.02)
+    assert clock.now_ns() - begun == pytest.approx((1 + LATEST_WAITS) * 0.02e9)
+    assert link.value("sync_cob_id") == SYNC
+    assert link.done[-1] == ("command", 3, "PRE-OPERATIONAL")
+
+
+@pytest.mark.parametrize("duration", [0.0005, 0.0, -1.0, float("nan"), float("inf")])
+def test_less_than_a_sample_is_refused_before_anything_is_sent(duration: float) -> None:
+    driver, link, _ = node()
+    with pytest.raises(RangeError, match="is not finite and at least one sample at 1000 Hz"):
+        driver.acquire(duration)
+    with pytest.raises(RangeError, match=r"4294967296 samples are more .*, 4294967295; record at most 4\.29497e\+06"):
+        driver.acquire(2.0**32 / 1000)
+    assert link.done == []
+
+
+def test_nodes_sample_at_the_rate_of_the_first_that_produces_sync(monkeypatch: pytest.MonkeyPatch) -> None:
+    (first, link, clock), (second, other, _) = node(), node(sync_period=0.5)
+    sampling(link, clock, monkeypatch)
+    other.put(sample_counter=3)
+    second.arm(3)
+    monkeypatch.setattr(second, "arm", lambda count: samples_of(count))
+
+    def samples_of(count: int) -> None:
+        for counter in range(1, count + 1):
+            samples(other, counter, 0, 0, 0, 0)
+
+    found = acquire([first, second], 0.003)
+    assert [each.rate for each in found] == [1000.0, 1000.0]
+    assert [done for done in other.done if done[0] == "download"] == []
+
+
+def test_a_sample_rate_is_what_the_node_holds_of_it() -> None:
+    driver, link, _ = node()
+    driver.set_sample_rate(3000.0)
+    assert (link.value("sync_period"), driver.rate) == (333e-6, 1 / 333e-6)
+
+
+def test_a_node_that_sends_no_sync_is_told_what_it_lacks() -> None:
+    driver, link, _ = node(sync_period=0.0)
+    assert driver.rate == 0.0
+    with pytest.raises(DeviceError, match=r"sync_period \(1006h\) is 0, so it .*; set the sample rate first") as caught:
+        driver.acquire(1.0)
+    assert (caught.value.device, link.done) == (driver.name, [])

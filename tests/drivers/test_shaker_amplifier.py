@@ -3,17 +3,23 @@
 from __future__ import annotations
 
 import math
+from typing import Any
 
 import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.devices.exciter import AmplifierState, ShakerAmplifier
 from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.instrument.errors import DeviceError
+from palpate.instrument.bench.kinds import AmplifierSettings
+from palpate.instrument.contracts.own import SHAKER_AMPLIFIER
+from palpate.instrument.errors import DeviceError, SafetyError
 from palpate.simulators.bench import SimulatedBench
+from palpate.simulators.clock import VirtualClock
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import ModbusConformance
 from tests.conftest import latched
+from tests.drivers.registers import Registers
 
 COIL = 3.5  # ohm
 
@@ -114,3 +120,111 @@ def test_over_temperature_trips_and_cannot_be_cleared_while_hot(bench: Bench, si
         bench.device("shaker_amplifier").enable()
     bench.device("shaker_amplifier").clear_faults()
     bench.device("shaker_amplifier").enable()
+
+
+# --- the driver by itself ------------------------------------------------------------------------------
+
+
+def alone(**held: Any) -> tuple[ShakerAmplifier, Any]:
+    """A driver that owns an amplifier without a wire, whose registers hold these values."""
+    link: Any = Registers(SHAKER_AMPLIFIER, ticket=0x0007_0001, **held)
+    driver = ShakerAmplifier(link, 1, VirtualClock())
+    assert driver.claim()
+    link.asked.clear()
+    return driver, link
+
+
+def orders(link: Any) -> list[dict[str, int]]:
+    """What was written behind token and counter, and the counter, in order."""
+    return [
+        {"counter": registers[3], **({"order": registers[4], "value": registers[5]} if registers[4:] else {})}
+        for start, registers in link.writes()
+        if start == SHAKER_AMPLIFIER["token"].address
+    ]
+
+
+def test_a_driver_reads_what_the_amplifier_says_of_itself() -> None:
+    driver, _ = alone(
+        output_current=1.5, output_voltage=5.25, temperature=41.5, faults=0b101, faults_latched=0b1, status=1
+    )
+    assert driver.read() == AmplifierState(
+        1.5, 5.25, 41.5, frozenset({"over_current", "supply"}), frozenset({"over_current"}), enabled=True
+    )
+    assert not alone(status=2)[0].read().enabled
+
+
+@pytest.mark.parametrize(
+    ("held", "limit", "safe"),
+    [
+        ({"temperature": 85.0}, 5.0, True),
+        ({"temperature": 85.1}, 5.0, False),
+        ({"output_current": 0.707}, 1.0, True),  # 0.99985 A peak
+        ({"output_current": 0.708}, 1.0, False),
+        ({"output_current": 1.414}, 2.0, True),
+        ({"output_current": 60.0}, None, True),  # nobody has said what it may give
+    ],
+)
+def test_outputs_go_off_before_the_amplifier_trips_on_heat_or_on_its_peak_current(
+    held: dict[str, float], limit: float | None, safe: bool
+) -> None:
+    driver, _ = alone(**held)
+    if limit:
+        driver.set(current_limit=limit)
+    if safe:
+        assert driver.check() == driver.read()
+        return
+    with pytest.raises(
+        SafetyError, match=rf"heat sink at .* degC, .* A peak; limits are 85 degC and {limit:g} A\. Out"
+    ):
+        driver.check()
+
+
+def test_who_owns_it_already_feeds_it_by_a_claim_and_takes_a_new_ticket_when_he_is_forgotten() -> None:
+    driver, link = alone()
+    assert driver.claim()
+    assert [asked[0] for asked in link.asked] == ["write_registers"]
+    link.asked.clear()
+    for code in (3, 6):  # it was switched off, or somebody else has claimed it
+        link.failures = [refused(code)]
+        link.put(ticket=0x0009_0000 + code)
+        assert driver.claim()
+        assert link.held("token") == 0x0009_0000 + code
+    link.failures = [refused(6), None, refused(6)]
+    assert not driver.claim()
+    link.asked.clear()
+    driver.feed()
+    assert [asked[0] for asked in link.asked] == ["read_registers"]  # as nobody's
+
+
+def refused(code: int) -> DeviceError:
+    return DeviceError(f"answered exception {code}", code=code)
+
+
+def test_only_an_amplifier_without_the_register_of_the_owner_counts_as_one_without_owners() -> None:
+    link: Any = Registers(SHAKER_AMPLIFIER)
+    link.failures = [refused(4)]
+    with pytest.raises(DeviceError, match="answered exception 4, to a read of ticket"):
+        ShakerAmplifier(link, 1, VirtualClock()).claim()
+
+
+@pytest.mark.parametrize(
+    ("latched", "cleared", "trips"), [(0, False, False), (0b10000, True, False), (0b10001, False, True)]
+)
+def test_the_trip_that_every_killed_run_leaves_is_cleared_and_no_other(
+    latched: int, cleared: bool, trips: bool
+) -> None:
+    driver, link = alone(faults_latched=latched)
+
+    def clear() -> None:
+        if link.words.get(SHAKER_AMPLIFIER["order"].address) == 0x13:
+            link.put(faults_latched=0)
+
+    link.written = clear
+    settings = AmplifierSettings.model_validate({"gain": 4.0, "current_limit": "3 A"})
+    if trips:
+        with pytest.raises(SafetyError, match="tripped on over_current, watchdog"):
+            driver.set_up(settings, 2.0)
+    else:
+        driver.set_up(settings, 2.0)
+        values = [order["value"] for order in orders(link)]
+        assert values == ([1] if cleared else []) + [400, 3000, 2000]
