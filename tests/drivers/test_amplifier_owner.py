@@ -129,10 +129,12 @@ def test_while_it_is_owned_others_may_switch_it_off_and_nothing_else(bench: Benc
     assert sim.amplifier.settings["enable"] == 0.0
 
 
-def test_an_amplifier_that_nobody_has_claimed_is_anybody_s_and_any_request_feeds_it(
+def test_to_release_an_amplifier_switches_it_off_and_then_it_is_anybody_s_and_any_request_feeds_it(
     bench: Bench, sim: SimulatedBench
 ) -> None:
+    drive(bench)
     bench.device("shaker_amplifier").release()
+    assert (sim.amplifier.settings["enable"], sim.amplifier.read("token")) == (0.0, 0)
     bench.device("shaker_amplifier").configure(gain=2.0, current_limit=5.0, watchdog=0.5)
     bench.device("shaker_amplifier").enable()
     for _ in range(5):
@@ -141,12 +143,6 @@ def test_an_amplifier_that_nobody_has_claimed_is_anybody_s_and_any_request_feeds
     bench.device("shaker_amplifier").set(watchdog=0)
     sim.clock.wait(1000.0)
     assert bench.device("shaker_amplifier").read().enabled
-
-
-def test_to_release_it_switches_it_off(bench: Bench, sim: SimulatedBench) -> None:
-    drive(bench)
-    bench.device("shaker_amplifier").release()
-    assert (sim.amplifier.settings["enable"], sim.amplifier.read("token")) == (0.0, 0)
 
 
 # --- two programs, on two machines ---------------------------------------------------------------------
@@ -250,6 +246,8 @@ def without_owners(sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch) -> None
 
 
 def test_a_bench_that_stands_unusual_forces_says_so_before_it_drives(sim: SimulatedBench) -> None:
+    with open_bench(sim) as bench:
+        assert bench.cautions == []
     with open_bench(sim, altered(sim.description, force_limit="40 N", withstands="50 N")) as bench:
         assert bench.cautions == ["force limit 40 N: its bench file says that this bench stands 50 N"]
 
@@ -271,7 +269,3 @@ def test_an_amplifier_without_owners_is_refused_until_the_bench_file_says_so(
         assert sim.amplifier.settings["enable"]
         sim.clock.wait(WATCHDOG)
         assert not sim.amplifier.settings["enable"]
-
-
-def test_a_bench_whose_amplifier_has_an_owner_has_nothing_to_warn_of(bench: Bench) -> None:
-    assert bench.cautions == []

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.exciter import Amplified, Exciter
+from palpate.drivers.devices.exciter import Amplified
 from palpate.drivers.safe_end import insist
 from palpate.instrument.errors import BenchError
 from palpate.simulators.bench import SimulatedBench
@@ -31,14 +31,6 @@ REQUESTS = 100  # more than any that a signal can be late by
 
 class Failure(Exception):
     """Nothing that palpate raises itself."""
-
-
-def test_outputs_are_off_after_a_normal_exit(sim: SimulatedBench) -> None:
-    with open_bench(sim) as bench:
-        drive(bench)
-        assert driving(sim)
-    assert not driving(sim)
-    assert is_closed(bench)
 
 
 @pytest.mark.parametrize("error", [Failure, KeyboardInterrupt, SystemExit, MemoryError])
@@ -220,21 +212,3 @@ def test_an_exciter_is_switched_off_by_every_means_there_is_the_safest_first() -
         failures = insist(exciter.means(), VirtualClock())
         assert told == [("amplifier", "disable"), ("source", "output", False), QUIET]
         assert failures == (["amplifier disable", "source output", "source sine"] if fails else [])
-
-
-def test_an_exciter_that_is_one_device_is_its_only_member_and_is_switched_off_by_resting() -> None:
-    told = list[str]()
-
-    class Drive(Exciter):
-        sine = drive = check = effort = effort_limit = lambda self, *_: None  # type: ignore[assignment]
-
-        def rest(self) -> None:
-            told.append("rest")
-
-    drive = Drive()
-    assert (drive.members, drive.guard, drive.largest, drive.unit) == ((drive,), None, 10.0, "A")
-    drive.quiet()
-    assert told == []
-    drive.halt()
-    assert insist(drive.means(), VirtualClock()) == []
-    assert told == ["rest", "rest"]

@@ -5,20 +5,18 @@ from __future__ import annotations
 import json
 import socket
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any
 
-import can
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.logs.bus_log import BusLog, Link, Packet, PcapngWriter
+from palpate.drivers.logs.bus_log import BusLog, PcapngWriter
 from palpate.drivers.logs.bus_replay import BusReplay, ReplayWire
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.bench.links import LOOPBACK, MULTICAST
-from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout, UsageError
+from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout
 from palpate.procedures.logs import described
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.scenes.scene import Scene
@@ -136,101 +134,27 @@ def test_signs_of_life_to_the_watchdog_may_come_at_other_times_than_in_the_log(
     assert replayed(sim, log, lambda bench: use(bench, 2, 0, 5)) == heard
 
 
-# --- a replay by itself --------------------------------------------------------------------------------
+def test_what_the_log_does_not_hold_at_that_place_is_an_error_that_names_it(sim: SimulatedBench, log: Path) -> None:
+    logged(sim, log)
+
+    def other(bench: Bench) -> None:
+        with bench:
+            bench.device("signal_generator").sine(12.6, 0.5)
+
+    asked = "the replay sends 'signal_generator <- write frequency = 12.6 Hz, .*log goes on with .*frequency = 12.5 Hz"
+    with pytest.raises(ConfigError, match=asked):
+        replayed(sim, log, other)
 
 
-BENCH = (Path(__file__).parents[1] / "frozen" / "old" / "bench-least.toml").read_text()
-RUN = Packet(1, "run", Link.NOTE, True, json.dumps({"bench": BENCH}).encode())
-
-
-def clock(value: int) -> Packet:
-    return Packet(2, "clock", Link.NOTE, True, str(value).encode())
-
-
-def log_of(tmp_path: Path, *packets: Packet) -> Path:
-    path = tmp_path / "t.pcapng"
+def test_a_log_in_which_no_run_began_and_one_that_is_cut_short_are_refused(log: Path) -> None:
+    path = log.with_suffix(".pcapng")
     with path.open("wb") as file:
-        writer = PcapngWriter(file)
-        for packet in packets:
-            writer.write(packet)
-        writer.end()
-    return path
-
-
-def shown(packet: Packet) -> str:
-    return f"{packet.who} {packet.data.decode(errors='replace')}"
-
-
-# --- which logs ----------------------------------------------------------------------------------------
-
-
-def test_a_log_gives_the_header_of_its_run_and_the_bench_of_it(tmp_path: Path) -> None:
-    replay = BusReplay(log_of(tmp_path, RUN), shown)
-    assert replay.run == {"bench": BENCH}
-    assert replay.description.name
-    assert replay.goes_on  # nobody reads its clock to feed a watchdog
-
-
-def test_a_log_in_which_no_run_began_is_refused(tmp_path: Path) -> None:
-    with pytest.raises(
-        ConfigError, match=r"t\.pcapng: no run began in this log; replay a log that --log recorded of a"
-    ):
-        BusReplay(log_of(tmp_path), shown)
-
-
-def test_a_damaged_log_and_one_that_cannot_be_read_are_told(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    path = log_of(tmp_path, RUN)
+        PcapngWriter(file).end()
+    with pytest.raises(ConfigError, match="no run began in this log; replay a log that --log recorded of a"):
+        BusReplay(path, described)
     path.write_bytes(path.read_bytes()[:-1])
-    with pytest.raises(ConfigError, match=r"t\.pcapng: damaged: cut short at byte \d+; only a whole log can be"):
-        BusReplay(path, shown)
-
-    def refused(*_: object, **__: object) -> Any:
-        raise PermissionError(13, "Permission denied")
-
-    monkeypatch.setattr(Path, "open", refused)
-    with pytest.raises(UsageError, match=r"t\.pcapng: cannot be read: Permission denied; check the name$"):
-        BusReplay(path, shown)
-
-
-def test_beside_a_can_log_stands_the_one_that_is_replayed(tmp_path: Path) -> None:
-    path = log_of(tmp_path, RUN)
-    path.with_suffix(".blf").touch()
-    assert BusReplay(path.with_suffix(".blf"), shown).path == path
-    with pytest.raises(UsageError, match=r"t\.asc: cannot be read: No such file or directory; check the name$"):
-        BusReplay(path.with_suffix(".asc"), shown)
-
-
-# --- what must be as it was ----------------------------------------------------------------------------
-
-
-def test_the_clock_gives_the_times_of_the_log_and_waits_take_none(tmp_path: Path) -> None:
-    replay = BusReplay(log_of(tmp_path, RUN, clock(17), clock(99)), shown)
-    assert replay.now_ns() == 17
-    replay.wait(1e9)
-    assert replay.now_ns() == 99
-    with pytest.raises(ConfigError, match=r"t\.pcapng: the replay sends 'clock ', but the log ends here; only a run"):
-        replay.now_ns()
-
-
-def test_frames_of_the_bus_come_before_the_action_that_follows_them_and_after_the_one_before(tmp_path: Path) -> None:
-    def frame(identifier: int) -> Packet:
-        return Packet(3, "node", Link.CAN, False, identifier.to_bytes(4, "big") + bytes(4))
-
-    late = Packet(3, "oven", Link.TCP, False, b"reply")
-    log = log_of(tmp_path, RUN, frame(0x581), clock(1), frame(0x582), late, frame(0x583), clock(2), frame(0x584))
-    with ExitStack() as stack:
-        replay = stack.enter_context(BusReplay(log, shown))
-        link: Any = replay.description.links["can"]
-        bus = stack.enter_context(can.Bus(interface="virtual", channel=link.channel))
-
-        def heard() -> list[int]:
-            return [message.arbitration_id for message in iter(lambda: bus.recv(0), None)]
-
-        assert heard() == []
-        replay.now_ns()
-        assert heard() == [0x581, 0x582, 0x583]
-        replay.now_ns()
-        assert heard() == [0x584]
+    with pytest.raises(ConfigError, match=r"damaged: cut short at byte \d+; only a whole log can be"):
+        BusReplay(path, described)
 
 
 # --- the devices' ends of a replay ---------------------------------------------------------------------
@@ -247,18 +171,6 @@ def wire() -> Iterator[ReplayWire]:
 
 def connected(port: int) -> socket.socket:
     return socket.create_connection((LOOPBACK, port), timeout=PATIENCE)
-
-
-def test_a_reply_comes_when_the_last_byte_of_its_request_is_there(wire: ReplayWire) -> None:
-    with connected(wire.listen("rack")) as end:
-        wire.expect("rack", 5, b"first")
-        wire.expect("rack", 3, b"second")
-        end.sendall(b"1234")
-        end.sendall(b"5678")
-        assert read(end, 11) == b"firstsecond"
-        wire.expect("rack", 2, b"third")
-        end.sendall(b"9a")
-        assert read(end, 5) == b"third"
 
 
 def read(end: socket.socket, size: int) -> bytes:
@@ -278,12 +190,3 @@ def test_a_client_that_connects_anew_begins_a_request_anew(wire: ReplayWire) -> 
     with connected(port) as end:
         end.sendall(b"1234")
         assert read(end, 5) == b"reply"
-
-
-def test_nothing_stays_open() -> None:
-    before = len(list(Path("/proc/self/fd").iterdir()))
-    with ReplayWire() as wire:
-        wire.line("line")
-        with connected(wire.listen("rack")):
-            pass
-    assert len(list(Path("/proc/self/fd").iterdir())) == before

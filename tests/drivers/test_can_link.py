@@ -58,15 +58,6 @@ def listening(*callbacks: Callable[..., object]) -> _Listener:
     return _Listener({0x181: callbacks})
 
 
-def test_a_frame_goes_to_those_who_subscribed_its_identifier() -> None:
-    heard: list[tuple[object, ...]] = []
-    listener = listening(lambda *told: heard.append(told), lambda *_: heard.append(("second",)))
-    listener(can.Message(arbitration_id=0x181, data=b"ab", is_extended_id=False, timestamp=7.0))
-    listener(frame(0x182, b"cd"))
-    assert heard == [(0x181, b"ab", 7.0), ("second",)]
-    assert listener.errors == 0
-
-
 @pytest.mark.parametrize("flag", ["is_extended_id", "is_fd", "is_remote_frame", "is_error_frame"])
 def test_a_frame_of_another_kind_goes_to_nobody(flag: str) -> None:
     """canopen would take an extended identifier for the standard one."""
@@ -205,16 +196,6 @@ def test_a_tap_hears_each_frame_of_a_block_with_its_own_time(link: CanLink) -> N
     assert [time_of(m) for m in told] == [1000, 1000, 1000, 2000, 2000, 2000]
 
 
-def test_a_tap_hears_of_a_frame_before_anybody_acts_on_it(link: CanLink) -> None:
-    order: list[str] = []
-    link.tap(lambda _sent, _message: order.append("tap"))
-    link.open()
-    link.subscribe(0x181, lambda *_: order.append("subscriber"))
-    for listener in link.network.listeners:
-        listener(frame(0x181))
-    assert order == ["tap", "subscriber"]
-
-
 def test_nothing_is_kept_for_ever_of_what_nobody_asks_for(link: CanLink) -> None:
     """canopen keeps answers of layer setting services, and emergencies of a node."""
     link.open()
@@ -349,12 +330,6 @@ def test_a_heartbeat_goes_out_while_a_transfer_waits_for_its_answer(link: CanLin
 
 
 # --- on a simulated bus --------------------------------------------------------------------------------
-
-
-def test_a_bus_that_cannot_be_opened_is_a_link_error_that_names_it(sim: SimulatedBench) -> None:
-    link = CanLink(sim.description.links["can"].model_copy(update={"interface": "socketcan", "channel": "can_none"}))
-    with pytest.raises(LinkError, match=r"CAN bus socketcan:can_none cannot be opened"):
-        link.open()
 
 
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")

@@ -354,13 +354,6 @@ def test_one_driver_serves_both_buses() -> None:
     assert type(switch).__name__ == type(other).__name__ == "Switch"
 
 
-def test_a_driver_without_a_contract_needs_a_kind() -> None:
-    link: Any = Registers(THING)
-    for driver in (Switch, ModbusDevice):
-        with pytest.raises(UsageError, match=f"{driver.__name__} has no contract of its own"):
-            driver.at(DevicePlace(link, 7, None, VirtualClock()))
-
-
 def test_a_node_is_known_by_marks_and_watched_for_its_scale() -> None:
     driver, link, _ = node()
     link.held[0x8130, 1] = bytes.fromhex("80 C7 FE")
@@ -380,18 +373,6 @@ def test_a_node_is_known_by_the_parts_of_its_identity_that_the_contract_has() ->
     link.held[0x1018, 1] = (0x60).to_bytes(4, "little")
     with pytest.raises(IdentityError, match="identifies itself as 0x00000060, the contract is for 0x0000005F"):
         driver.identify()
-
-
-def test_a_node_s_memory_wears_as_well() -> None:
-    driver, link, _ = node()
-    driver.connect()
-    link.done.clear()
-    for number in range(MOST):
-        driver.give(burn=number + 1)
-        driver.give(burn=number + 1)
-    assert [each[0] for each in link.done].count("download") == MOST
-    with pytest.raises(DeviceError, match="burn was written"):
-        driver.give(burn=99)
 
 
 def test_no_object_is_written_if_one_of_the_values_is_beyond_its_limits() -> None:

@@ -14,7 +14,7 @@ from palpate.drivers.devices.exciter import Exciter
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
-from palpate.instrument.errors import BenchError, ConfigError, LinkError, SafetyError
+from palpate.instrument.errors import BenchError, ConfigError, LinkError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.planning.settle import read_scene
@@ -145,14 +145,6 @@ def test_it_drives_and_is_looked_at_while_somebody_waits_and_is_off_in_the_end(s
         assert bench.role(Exciter).effort() == pytest.approx(2.0 / sim.rig.scene.rig.coil_resistance, abs=1e-3)
     assert output(sim) == OFF
     assert not sim.rig.coil_voltage().amplitude.any()
-
-
-def test_a_trip_while_somebody_waits_stops_the_run(sim: SimulatedBench) -> None:
-    with pytest.raises(SafetyError, match=r"exciter at .*: has tripped"), opened(sim) as bench:
-        drive(bench)
-        sim.devices["shaker"].trip("over_current")
-        bench.clock.wait(1.0)
-    assert output(sim) == OFF
 
 
 def test_one_that_a_killed_program_left_driving_stops_before_any_other_link_is_opened(

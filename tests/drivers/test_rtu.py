@@ -17,7 +17,7 @@ from pymodbus.pdu import DecodePDU
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.links.modbus import LARGEST_REPLY, ModbusLink, ReplyFramer, RtuClient, read_registers
+from palpate.drivers.links.modbus import ModbusLink, ReplyFramer, RtuClient, read_registers
 from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, earliest_reply, reply_begins
 from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import LinkTimeout
@@ -370,12 +370,6 @@ def test_what_came_unasked_is_thrown_away_and_the_request_is_sent() -> None:
     assert (client.sent, client.coming, client.replies.request, client.too_soon) == ([READ], [], READ, 0)
 
 
-def test_a_device_that_talks_for_ever_does_not_keep_a_request_from_being_sent() -> None:
-    client = Client(*[(-1.0, bytes(LARGEST_REPLY // 4))] * 10)
-    client.send(READ)
-    assert (client.reads, client.sent) == (4, [READ])
-
-
 @pytest.mark.parametrize(
     ("settings", "bits"),
     [
@@ -398,14 +392,6 @@ def test_a_reply_is_heard_from_the_first_moment_on_at_which_the_wire_can_bring_i
     assert client.too_soon == 0
 
 
-def test_no_more_is_thrown_away_for_one_request_than_the_largest_reply() -> None:
-    client = Client()
-    client.send(READ)
-    client.coming = [(100.0, bytes(LARGEST_REPLY // 4))] * 10
-    assert client.recv(None) == bytes(LARGEST_REPLY // 4)
-    assert (client.reads, client.too_soon) == (5, LARGEST_REPLY)
-
-
 def test_a_line_that_is_silent_is_waited_for_as_long_as_its_time_out() -> None:
     client = Client()
     client.send(READ)
@@ -422,51 +408,3 @@ def test_a_line_that_is_gone_is_closed_and_told_as_a_lost_connection(use: str) -
     with pytest.raises(ConnectionException):
         client.send(READ) if use == "send" else client.recv(None)
     assert closed == ["closed"]
-
-
-def test_a_line_that_is_not_open_is_a_lost_connection() -> None:
-    client = RtuClient("/dev/ttyS0", baudrate=9600)
-    for use in (lambda: client.send(READ), lambda: client.recv(None)):
-        with pytest.raises(ConnectionException):
-            use()
-    assert client.retries == 0
-
-
-class Port:
-    """An open serial port on a pipe, which takes some bytes later."""
-
-    timeout = 0.25
-
-    def __init__(self, descriptor: int) -> None:
-        self._descriptor = descriptor
-        self.later = b""
-
-    def fileno(self) -> int:
-        return self._descriptor
-
-    def write(self, data: bytes) -> int:
-        self.later += data
-        return len(data)
-
-
-@pytest.mark.parametrize("taken", [3, 8])
-def test_a_request_that_the_system_takes_in_part_is_sent_to_its_end(
-    taken: int, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    client: Any = RtuClient("/dev/ttyS0", baudrate=9600, timeout=0.25)
-    reads, writes = os.pipe()
-    try:
-        client.socket = port = Port(writes)
-        write = os.write
-        monkeypatch.setattr(os, "write", lambda descriptor, data: write(descriptor, data[:taken]))
-        assert client._write(READ) == len(READ)
-        assert os.read(reads, 100) + port.later == READ
-        client.socket = Port(reads)
-        assert (client._patience(), client._ready(0.0)) == (0.25, False)
-        write(writes, REPLY)
-        assert client._ready(0.0)
-        assert client._read() == REPLY
-    finally:
-        client.socket = None
-        os.close(reads)
-        os.close(writes)

@@ -163,14 +163,6 @@ def test_what_a_person_is_asked_to_lay_there_is_no_stranger(bench: Bench, sim: S
         bench.check_settings()
 
 
-def test_a_tag_that_is_no_text_is_told_and_not_used(
-    changer: ModbusSampleChanger, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(type(changer.contract), "encode_text", lambda *_: b"A\x07".ljust(64, b"\0"))
-    with pytest.raises(DeviceError, match="mounted holds no text"):
-        changer.mounted()
-
-
 # --- the driver by itself ------------------------------------------------------------------------------
 
 

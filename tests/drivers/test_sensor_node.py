@@ -89,19 +89,6 @@ def test_the_last_count_before_the_rail_is_not_saturated(scene: Scene, monkeypat
         assert len(node.emergencies) == 2
 
 
-def test_a_node_without_converter_effect_still_saturates_at_16_bits(
-    scene: Scene, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    with (
-        SimulatedBench(replace(scene, effects={})) as sim,
-        Bench(sim.description, sim.clock, sim.operator) as bench,
-    ):
-        put_on_films(sim, monkeypatch, total=7.0)
-        recording = bench.device("sensor_node_1").acquire(0.002)
-    assert recording.saturated[1].all()
-    assert recording.voltage[1].tolist() == [32767 * 5 / 32768] * 2
-
-
 def test_resetting_the_integrators_starts_the_films_from_zero(scene: Scene) -> None:
     with (
         SimulatedBench(
@@ -118,15 +105,6 @@ def test_resetting_the_integrators_starts_the_films_from_zero(scene: Scene) -> N
 
 
 # --- what is noticed -----------------------------------------------------------------------------------
-
-
-def test_all_integrators_are_reset_and_no_other_object_is_written(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    written = list[str]()
-    monkeypatch.setattr(sim.nodes[0], "write", lambda field, _value: written.append(field.name))
-    bench.device("sensor_node_1").reset_integrators()
-    assert written == ["reset_1", "reset_2", "reset_3", "reset_4"]
 
 
 def test_an_emergency_that_comes_during_a_look_is_told_at_the_next(bench: Bench) -> None:

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.devices.exciter import AmplifierState, ShakerAmplifier
+from palpate.drivers.devices.exciter import ShakerAmplifier
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts.own import SHAKER_AMPLIFIER
@@ -141,16 +141,6 @@ def orders(link: Any) -> list[dict[str, int]]:
         for start, registers in link.writes()
         if start == SHAKER_AMPLIFIER["token"].address
     ]
-
-
-def test_a_driver_reads_what_the_amplifier_says_of_itself() -> None:
-    driver, _ = alone(
-        output_current=1.5, output_voltage=5.25, temperature=41.5, faults=0b101, faults_latched=0b1, status=1
-    )
-    assert driver.read() == AmplifierState(
-        1.5, 5.25, 41.5, frozenset({"over_current", "supply"}), frozenset({"over_current"}), enabled=True
-    )
-    assert not alone(status=2)[0].read().enabled
 
 
 @pytest.mark.parametrize(

@@ -49,15 +49,6 @@ def test_a_frequency_change_is_one_request_and_keeps_the_phase(
     assert np.diff(volts_at(sim.generator, 0.0, 1e-6)) == pytest.approx(2 * slope, rel=1e-3)
 
 
-def test_a_phase_reset_restarts_the_waveform_at_zero(bench: Bench, sim: SimulatedBench) -> None:
-    bench.device("signal_generator").sine(10.0, 2.0)
-    bench.device("signal_generator").output(True)
-    sim.clock.wait(0.0321)
-    assert abs(volts_at(sim.generator, 0.0)) > 1.0
-    bench.device("signal_generator").set(phase_reset=1)
-    assert volts_at(sim.generator, 0.0, 0.025, 0.075) == pytest.approx([0.0, 2.0, -2.0], abs=1e-12)
-
-
 @pytest.mark.parametrize(("amplitude", "offset"), [(6.0, 4.000001), (9.0, -1.1), (math.nan, 0.0), (0.1, math.nan)])
 def test_a_peak_above_the_rail_is_refused_before_it_is_sent(
     amplitude: float, offset: float, bench: Bench, monkeypatch: pytest.MonkeyPatch

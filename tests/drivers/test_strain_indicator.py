@@ -52,16 +52,6 @@ def ideal(scene: Scene) -> Scene:
     return replace(scene, effects={})
 
 
-def test_the_filter_follows_with_its_time_constant(scene: Scene) -> None:
-    with SimulatedBench(ideal(scene)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        bench.device("strain_indicator").track(2.0)
-        bench.clock.wait(20.0)
-        bench.operator.place_weight(0.5)
-        sim.clock.wait(2.0)
-        final = 0.5 * GRAVITY * MILLIVOLT_PER_NEWTON
-        assert bench.device("strain_indicator").read().reading_mV == pytest.approx(final * (1 - math.exp(-1)), abs=1e-3)
-
-
 def test_zero_and_tare_are_taken_acknowledged_and_cleared(bench: Bench) -> None:
     indicator = bench.device("strain_indicator")
     bench.operator.place_weight(0.3)

@@ -14,81 +14,10 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices import canopen_device
 from palpate.drivers.devices.canopen_device import Heartbeat
-from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.bench.description import PATIENCE
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive
-
-
-class Amplifier:
-    """What the clock asks of one, in order."""
-
-    def __init__(self) -> None:
-        self.asked: list[str] = []
-
-    def feed(self) -> None:
-        self.asked.append("feed")
-
-    live = feed
-
-    def check(self) -> None:
-        self.asked.append("check")
-
-    @property
-    def guard(self) -> Amplifier:
-        return self
-
-
-class Waits:
-    """A clock that notes how long it was waited for."""
-
-    def __init__(self, asked: list[str], goes_on: bool) -> None:
-        self.goes_on = goes_on
-        self._asked = asked
-        self._now = 0
-
-    def now_ns(self) -> int:
-        return self._now
-
-    def wait(self, duration: float) -> None:
-        self._asked.append(f"{duration:g} s")
-        self._now += round(1e9 * duration)
-
-
-def watched(goes_on: bool) -> tuple[WatchedClock, list[str]]:
-    amplifier = Amplifier()
-    clock = WatchedClock(Waits(amplifier.asked, goes_on))  # type: ignore[arg-type]
-    clock.look_after(amplifier, 2.0)  # type: ignore[arg-type]
-    return clock, amplifier.asked
-
-
-def test_a_clock_that_watches_cuts_waits_and_looks_at_the_amplifier_after_each_piece() -> None:
-    clock, asked = watched(goes_on=True)
-    clock.wait(2.5)
-    assert asked == ["2.5 s"]
-    clock.watching = True
-    clock.wait(2.5)
-    assert asked[1:] == ["1 s", "check", "1 s", "check", "0.5 s", "check"]
-
-
-def test_where_time_passes_in_waits_alone_they_feed_the_watchdog_before_half_its_time_is_over() -> None:
-    clock, asked = watched(goes_on=False)
-    clock.watching = True
-    for _ in range(5):
-        clock.wait(0.2)
-    clock.wait(1.2)
-    assert [what for what in asked if what != "check"] == [
-        "0.2 s",
-        "0.2 s",
-        "0.2 s",
-        "feed",
-        "0.2 s",
-        "0.2 s",
-        "1 s",
-        "feed",
-        "0.2 s",
-    ]
 
 
 def test_requests_that_take_longer_than_the_watchdog_s_time_in_all_do_not_trip_it(
