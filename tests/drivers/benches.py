@@ -24,9 +24,9 @@ def driving(sim: SimulatedBench) -> bool:
     return bool(generator["amplitude"] or generator["output"] or amplifier["enable"])
 
 
-def drive(bench: Bench) -> None:
+def drive(bench: Bench, amplitude: float = 1.0) -> None:
     bench.drive()
-    bench.device("signal_generator").sine(10.0, 1.0)
+    bench.device("signal_generator").sine(10.0, amplitude)
 
 
 def off_the_main_thread(use: Callable[[], None]) -> None:

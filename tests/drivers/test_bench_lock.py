@@ -141,8 +141,7 @@ def test_a_host_without_numbers_counts_by_its_name_however_it_is_written(monkeyp
 
 def test_locks_are_taken_in_one_order_so_that_two_programs_cannot_wait_for_each_other() -> None:
     found = addresses(described())
-    assert len(found) == 4
-    assert found == sorted(found)
+    assert (len(found), found) == (4, sorted(found))
 
 
 def test_a_bench_that_is_refused_gives_back_the_addresses_it_had_locked(tmp_path: Path) -> None:

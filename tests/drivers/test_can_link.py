@@ -1,4 +1,4 @@
-"""A CAN link by itself: which frames it hands to whom, and what each failure of the bus library is told as."""
+"""A CAN link: which frames it hands to whom, and what each failure of bus and nodes is told as."""
 
 from __future__ import annotations
 
@@ -65,8 +65,7 @@ def test_a_frame_of_another_kind_goes_to_nobody(flag: str) -> None:
     listener = listening(lambda *told: heard.append(told))
     flags: dict[str, Any] = {flag: True}
     listener(frame(0x181, **flags))
-    assert heard == []
-    assert listener.errors == (flag == "is_error_frame")
+    assert (heard, listener.errors) == ([], flag == "is_error_frame")
 
 
 def test_a_malformed_frame_does_not_end_the_thread_that_hears_frames(caplog: pytest.LogCaptureFixture) -> None:
@@ -158,8 +157,7 @@ def test_a_multicast_bus_keeps_to_its_group_and_echoes(
     bus.send(frame(0x601))
     for listener in link.network.listeners:
         listener(frame(0x601))
-    assert groups == kept * [bus]
-    assert told == [True, False][:heard]
+    assert (groups, told) == (kept * [bus], [True, False][:heard])
 
 
 def block() -> Block:

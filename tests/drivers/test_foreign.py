@@ -1,4 +1,4 @@
-"""The drivers against servers, and the simulated devices against clients, of other Modbus stacks."""
+"""The drivers against devices, and the simulated devices against clients, that share no code with them."""
 
 from __future__ import annotations
 

@@ -171,8 +171,7 @@ def test_the_identity_travels_as_the_golden_frame(
     golden = GOLDEN[device]["identity"]
     wire = listen(driver.link, monkeypatch)
     driver.connect()
-    assert wire.requests[0] == bits(golden["request"])
-    assert wire.replies[0] == bits(golden["response"])
+    assert (wire.requests[0], wire.replies[0]) == (bits(golden["request"]), bits(golden["response"]))
     identity = driver.contract.identity
     assert [golden["objects"][i] for i in "012"] == [identity.vendor, identity.product, identity.revision]
     assert driver.serial == golden["objects"]["128"]

@@ -28,8 +28,7 @@ from palpate.simulators.devices.twin import Twin
 from palpate.simulators.wire.device import SimulatedPlace
 from palpate.simulators.wire.modbus import Servers
 from tests.contracts import canopen_contract, modbus_contract
-from tests.drivers.objects import Objects
-from tests.drivers.registers import Registers
+from tests.drivers.fake_links import Objects, Registers
 
 # a load indicator in the manner of LAUMAS, a supply in that of EA, and a drive, in one
 FIELDS = (
@@ -154,8 +153,7 @@ def test_lost_settings_are_restored_whole() -> None:
 @pytest.mark.parametrize(("status", "value"), [(0x0800, 12.34), (0x0880, -12.34)])
 def test_a_weight_is_read_with_its_sign_and_its_decimals_in_one_request(status: int, value: float) -> None:
     device, link, _ = made(status=status, gross=12.34)
-    assert device.get_many("gross", "status") == [value, status]
-    assert link.asked == [("read_registers", 6, 8, 7)]
+    assert (device.get_many("gross", "status"), link.asked) == ([value, status], [("read_registers", 6, 8, 7)])
     assert device.held("gross") == value
 
 
@@ -178,6 +176,17 @@ def test_a_scale_that_stands_too_far_away_is_read_once_and_watched() -> None:
         device.differences()
 
 
+def test_a_command_or_a_scale_that_the_map_does_not_know_is_an_error_by_name() -> None:
+    table = Scaling("decimals", "table", {0: 1.0})
+    some = tuple(replace(f, scaling=table) if f.name == "span" else f for f in FIELDS)
+    device, link, _ = made(replace(THING, fields=some))
+    with pytest.raises(UsageError, match="command of the thing"):
+        device.command("tear")
+    assert link.asked == []
+    with pytest.raises(DeviceError, match="tells a scale of span that the contract does not know"):
+        device.get("span")
+
+
 @pytest.mark.parametrize("ask", ["get", "held"])
 def test_a_scale_that_cannot_be_is_an_error_by_name_and_no_reading(ask: str) -> None:
     thing = replace(THING, fields=tuple(replace(f, maximum=None) if f.name == "decimals" else f for f in FIELDS))
@@ -192,8 +201,7 @@ def test_a_scale_that_cannot_be_is_an_error_by_name_and_no_reading(ask: str) -> 
 def test_a_setting_is_written_in_the_scale_that_the_device_tells() -> None:
     device, link, _ = made()
     device.set(span=1.25)
-    assert link.words[16] == 125
-    assert device.differences() == []
+    assert (link.words[16], device.differences()) == (125, [])
     link.words[16] = 126
     assert device.differences() == ["thing at rack unit 7: span is 1.26, was set to 1.25"]
 
@@ -375,6 +383,15 @@ def test_a_node_is_known_by_the_parts_of_its_identity_that_the_contract_has() ->
         driver.identify()
 
 
+def test_a_node_s_memory_wears_as_well() -> None:
+    driver, _, _ = node()
+    driver.connect()
+    for number in range(MOST):
+        driver.give(burn=number + 1)
+    with pytest.raises(DeviceError, match="burn was written"):
+        driver.give(burn=99)
+
+
 def test_no_object_is_written_if_one_of_the_values_is_beyond_its_limits() -> None:
     driver, link, _ = node()
     driver.connect()
@@ -534,15 +551,13 @@ def test_a_driver_and_a_twin_understand_each_other_in_all_that_a_contract_says(w
     driver, thing, clock = wired
     thing.settings |= {"status": 0x80, "decimals": 2.0, "heat": 21.5, "closed": 1.0, "load": -12.34}
     driver.identify()
-    assert driver.serial == "3"
-    assert driver.get_many("load", "heat", "closed") == [-12.34, 21.5, 1.0]
+    assert (driver.serial, driver.get_many("load", "heat", "closed")) == ("3", [-12.34, 21.5, 1.0])
     driver.set(place=-70_000)
     driver.set(remote=1)
     driver.set(output=1, remote=0)
     assert driver.get_many("place", "remote", "output") == [-70_000, 0, 1]
     driver.command("start")
-    assert thing.settings["order"] == 0.0
-    assert driver.differences() == []
+    assert (thing.settings["order"], driver.differences()) == (0.0, [])
     assert clock.now_ns() >= 4_000_000
     thing.settings["decimals"] = 3.0
     with pytest.raises(DeviceError, match="decimals is 3, was 2 before"):

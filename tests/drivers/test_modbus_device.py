@@ -1,4 +1,4 @@
-"""What drivers on Modbus share: who answers, and what is asked and told in one request."""
+"""What drivers on Modbus share: who answers, which requests are sent, and what is done about failures."""
 
 from __future__ import annotations
 
@@ -15,7 +15,7 @@ from palpate.instrument.contracts.declaration import Command, Condition, Manners
 from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, LinkError, LinkTimeout, UsageError
 from tests.contracts import modbus_contract
-from tests.drivers.registers import Oven, oven
+from tests.drivers.fake_links import Oven, oven
 
 # --- who answers ---------------------------------------------------------------------------------------
 

@@ -1,4 +1,4 @@
-"""A Modbus link by itself: what each failure of the client is told as, and what is done before the next request."""
+"""A Modbus link when the other end is silent, late or wrong: what is told, and what is done before the next request."""
 
 from __future__ import annotations
 
@@ -170,8 +170,7 @@ def test_a_line_is_listened_to_until_it_is_silent_before_it_is_used_again() -> N
     assert client.done == ["connect"]
     link.distrust()
     link.transact("oven", answers())
-    assert client.done == ["connect", "close", "connect", "listen", "listen", "listen"]
-    assert client.pieces == []
+    assert (client.done, client.pieces) == (["connect", "close", "connect", "listen", "listen", "listen"], [])
 
 
 def test_a_line_may_say_as_much_as_a_frame_holds_and_no_more() -> None:
@@ -181,6 +180,19 @@ def test_a_line_may_say_as_much_as_a_frame_holds_and_no_more() -> None:
     link = ModbusLink("line", Line(bytes(LARGEST_FRAME), b"x"))
     link.distrust()
     with pytest.raises(LinkError, match=r"^line: the line does not fall silent; look for a device that babbles$"):
+        link.open()
+
+
+@pytest.mark.parametrize(
+    ("link", "says"),
+    [
+        (ModbusLink("line", Line(ConnectionException("gone"))), r"^line is lost; check the adapter's plug and cable$"),
+        (ModbusLink.tcp(TcpLink(host="a..b")), r"^a\.\.b:502 is no address: .*label empty.*; correct it in the bench "),
+    ],
+)
+def test_a_link_that_does_not_open_or_is_lost_while_it_is_listened_to_is_told(link: ModbusLink, says: str) -> None:
+    link.distrust()
+    with pytest.raises(LinkError, match=says):
         link.open()
 
 

@@ -115,8 +115,7 @@ def test_the_node_takes_no_process_data_that_is_short_or_not_allowed_and_none_be
     drive.start()
     for data, code in ((good[:3], 0x8210), (good[:2] + (10_001).to_bytes(2, "little"), 0x8200)):
         drive.link.send(COMMAND + drive.id, data)
-        assert drive.notices() == [f"{drive.name}: emergency 0x{code:04X}"]
-        assert node.settings == before
+        assert (drive.notices(), node.settings) == ([f"{drive.name}: emergency 0x{code:04X}"], before)
 
 
 def test_a_restart_is_noticed_and_made_good(drive: Any, bench: Bench, sim: SimulatedBench) -> None:
@@ -142,16 +141,16 @@ def test_frames_of_another_length_are_not_used(drive: Any, sim: SimulatedBench) 
 
 # --- in the contract and the bench file ----------------------------------------------------------------
 
-WRONG = {
+WRONG_FIELDS = {
     "a text": ("hardware_version", "PDO bad cannot hold hardware_version: it must be a number field .* can be read"),
     "an order": ("reset_1", "PDO bad cannot hold reset_1: .* that can be read"),
     "nothing": ("nothing", "PDO bad cannot hold nothing"),
 }
 
 
-@pytest.mark.parametrize("field", WRONG)
+@pytest.mark.parametrize("field", WRONG_FIELDS)
 def test_a_pdo_that_cannot_be_is_refused(field: str) -> None:
-    name, message = WRONG[field]
+    name, message = WRONG_FIELDS[field]
     with pytest.raises(ConfigError, match=f"^sensor node: {message}"):
         replace(SENSOR_NODE, pdos=(Pdo("bad", 0x180, (name,)),))
 

@@ -302,8 +302,7 @@ def test_each_function_has_its_reply_also_behind_an_echo(request_: bytes, reply:
     framer = ReplyFramer(DecodePDU(False))
     framer.request = request_
     for before in (b"", b"\xff", request_):
-        assert framer.decode(before + reply)[3] == reply[1:-2]
-        assert framer.decode(before + reply[:-1]) == NONE
+        assert (framer.decode(before + reply)[3], framer.decode(before + reply[:-1])) == (reply[1:-2], NONE)
     assert framer.decode(checked(reply[:2] + b"\x04" + bytes(4))) == NONE  # another number
 
 
@@ -321,8 +320,7 @@ def test_a_single_write_is_confirmed_by_its_own_bytes_unless_the_line_gives_them
     refused = checked(bytes([request_[0], request_[1] | 0x80, 4]))
     assert framer.decode(request_ + refused)[3] == refused[1:-2]
     framer.early = request_[:5]  # a part of the echo came too soon
-    assert framer.decode(request_[5:]) == NONE
-    assert framer.decode(request_[5:] + request_)[3] == request_[1:-2]
+    assert (framer.decode(request_[5:]), framer.decode(request_[5:] + request_)[3]) == (NONE, request_[1:-2])
     framer.early, framer.request = b"", READ
     framer.decode(REPLY)  # the echo is off
     framer.request = request_
@@ -332,42 +330,18 @@ def test_a_single_write_is_confirmed_by_its_own_bytes_unless_the_line_gives_them
 # --- sending and hearing -------------------------------------------------------------------------------
 
 
-class Client(RtuClient):
-    """A client with a clock of its own, to which bytes come at given times [s]."""
-
-    def __init__(self, *coming: tuple[float, bytes], **settings: Any) -> None:
-        super().__init__("/dev/ttyS0", **{"baudrate": 9600, "timeout": 0.5, **settings})
-        self.now = 100.0
-        self.coming = [(100.0 + at, data) for at, data in coming]
-        self.sent: list[bytes] = []
-        self.reads = 0
-
-    def _patience(self) -> float:
-        return 0.5
-
-    def _now(self) -> float:
-        return self.now
-
-    def _ready(self, within: float) -> bool:
-        if self.coming and self.coming[0][0] <= self.now + within:
-            self.now = max(self.now, self.coming[0][0])
-            return True
-        self.now += within
-        return False
-
-    def _read(self) -> bytes:
-        self.reads += 1
-        return self.coming.pop(0)[1]
-
-    def _write(self, request: bytes) -> int:
-        self.sent.append(request)
-        return len(request)
+def hearing(*coming: tuple[float, bytes], **settings: Any) -> VirtualLine:
+    """A line to which bytes come at given times [s], whatever is asked."""
+    client = VirtualLine(lambda _request: [], 9600, 0.5, **settings)
+    for at, data in coming:
+        client.comes(at, data)
+    return client
 
 
 def test_what_came_unasked_is_thrown_away_and_the_request_is_sent() -> None:
-    client = Client((-1.0, b"old"), (-0.5, b"older"))
+    client = hearing((-1.0, b"old"), (-0.5, b"older"))
     assert client.send(READ) == len(READ)
-    assert (client.sent, client.coming, client.replies.request, client.too_soon) == ([READ], [], READ, 0)
+    assert (client.recv(None), client.replies.request, client.too_soon) == (b"", READ, 0)
 
 
 @pytest.mark.parametrize(
@@ -384,25 +358,24 @@ def test_a_reply_is_heard_from_the_first_moment_on_at_which_the_wire_can_bring_i
 ) -> None:
     first = earliest_reply(len(READ), 9600, bits)
     assert first > 0
-    client = Client((0.9 * first, b"soon"), (0.99 * first, b"er"), (1.01 * first, REPLY), **settings)
+    client = hearing((0.9 * first, b"soon"), (0.99 * first, b"er"), (1.01 * first, REPLY), **settings)
     client.send(READ)
-    assert client.recv(None) == REPLY
-    assert client.too_soon == 6
+    assert (client.recv(None), client.too_soon) == (REPLY, 6)
     client.send(READ)
     assert client.too_soon == 0
 
 
 def test_a_line_that_is_silent_is_waited_for_as_long_as_its_time_out() -> None:
-    client = Client()
+    client = hearing()
     client.send(READ)
     assert client.recv(None) == b""
-    assert client.now == pytest.approx(100.0 + earliest_reply(len(READ), 9600, 10) + 0.5)
+    assert client.now == pytest.approx(earliest_reply(len(READ), 9600, 10) + 0.5)
 
 
 @pytest.mark.parametrize("use", ["send", "recv"])
 def test_a_line_that_is_gone_is_closed_and_told_as_a_lost_connection(use: str) -> None:
     closed: list[str] = []
-    client = Client((-1.0, b""))  # it can be read, and gives nothing
+    client = hearing((-1.0, b""))  # it can be read, and gives nothing
     client.close = lambda: closed.append("closed")  # type: ignore[method-assign]
     client.connect = lambda: False  # type: ignore[method-assign]
     with pytest.raises(ConnectionException):

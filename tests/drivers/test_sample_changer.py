@@ -20,7 +20,7 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import ModbusConformance
-from tests.drivers.registers import Registers
+from tests.drivers.fake_links import Registers
 
 EXCHANGE = 5.0  # s, as the simulated one comes
 

@@ -116,8 +116,7 @@ def test_noise_is_told_with_the_unit_at_which_it_came() -> None:
             yield 0.0, b"\xff\x00\x81"
 
     search = searched(babble, [1, 2])
-    assert search.found == []
-    assert len(search.heard) == 1
+    assert (search.found, len(search.heard)) == ([], 1)
     assert "unit 2: 3 bytes came that are no valid reply (ff 00 81)" in search.heard[0]
 
 
@@ -136,8 +135,7 @@ def test_a_device_that_answers_at_unit_0_alone_is_found_and_others_are_not_asked
     assert (found.unit, found.fits, search.asked) == (0, ("source",), 3)
     slaves = Slaves(u0=[7, 123, 5, 0], u2=[7, 5, 5, 0])
     (found,) = searched(slaves, [1, 2], [zero, INDICATOR]).found
-    assert found.unit == 2
-    assert {request[0] for request in slaves.requests} == {1, 2}
+    assert (found.unit, {request[0] for request in slaves.requests}) == (2, {1, 2})
 
 
 def test_a_write_is_refused_before_it_is_sent() -> None:
@@ -164,8 +162,7 @@ def test_a_search_ends_when_its_time_is_over() -> None:
             return super().now_ns()
 
     search = searched(Slaves(u3=[7, 1, 5, 0]), range(1, 9), within=2.5, clock=Ticking())
-    assert search.asked == 2
-    assert search.found == []
+    assert (search.asked, search.found) == (2, [])
     assert search.over
 
 

@@ -1,4 +1,4 @@
-"""Late replies where frames have no number; `python -m tests.benchmarks stale` tries a million."""
+"""Late replies where frames have no number, and SDO answers one by one; `tests.benchmarks stale` tries a million."""
 
 from __future__ import annotations
 
@@ -121,8 +121,7 @@ def node_that_answers_after(seconds: float, bitrate: float) -> CheckedSdoClient:
 @pytest.mark.parametrize("bitrate", [10e3, 125e3, 1e6])
 def test_an_answer_that_comes_before_two_frames_can_pass_is_none(bitrate: float) -> None:
     node = node_that_answers_after(1.01 * 2 * 108 / bitrate, bitrate)
-    assert node.upload(0x2000, 0, 4) == b"\2\0\0\0"
-    assert node.too_soon == 1
+    assert (node.upload(0x2000, 0, 4), node.too_soon) == (b"\2\0\0\0", 1)
 
 
 @pytest.mark.parametrize(
@@ -158,8 +157,7 @@ def test_a_text_in_segments_is_read_twice() -> None:
 
 def test_a_number_in_one_frame_is_read_once() -> None:
     client = Client("4b 17 10 00 f4 01")
-    assert client.upload(0x1017, 0, 2) == b"\xf4\x01"
-    assert client.requests == ["40 17 10 00 00 00 00 00"]
+    assert (client.upload(0x1017, 0, 2), client.requests) == (b"\xf4\x01", ["40 17 10 00 00 00 00 00"])
 
 
 def test_a_size_that_the_node_says_counts_against_the_one_that_was_expected() -> None:

@@ -12,7 +12,6 @@ import can
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import FEWEST, Exciter, SetPointGrid, grid
 from palpate.drivers.links.can import CanLink, Cyclic
 from palpate.drivers.ownership import claim
@@ -21,6 +20,7 @@ from palpate.instrument.contracts.declaration import MOST_CYCLIC
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkError, RangeError, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
+from tests.drivers.benches import open_bench
 from tests.shares import first_of
 
 SCENE = read_scene("ideal").with_devices({"drive": {"kind": "maxon-epos4", "full_scale": 0.5}})
@@ -32,10 +32,6 @@ PERCENT = 5.0 * 3.5 / 100  # V at the coil for a percent of the rated torque
 def sim() -> Iterator[SimulatedBench]:
     with SimulatedBench(SCENE) as simulated:
         yield simulated
-
-
-def opened(sim: SimulatedBench) -> Bench:
-    return Bench(sim.description, sim.clock, sim.operator)
 
 
 def volts(sim: SimulatedBench) -> float:
@@ -68,13 +64,12 @@ def test_a_frequency_that_no_list_reaches_is_refused(frequency: float) -> None:
 
 
 def test_a_stream_shakes_the_stack_with_its_amplitude_and_its_phase_goes_on(sim: SimulatedBench) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         drive = bench.role(Exciter)
         drive.sine(10.0, 1.0)
         begun = sim.clock.now_ns()
-        assert volts(sim) == pytest.approx(5.0 * PERCENT, rel=0.01)
-        assert drive.effort() == 5.0
+        assert (volts(sim), drive.effort()) == (pytest.approx(5.0 * PERCENT, rel=0.01), 5.0)
         bench.clock.wait(0.123)
         drive.sine(10.0, 4.0)
         assert (sim.clock.now_ns() - begun) % 100_000_000 == 0  # the new list begins where the old one crosses zero
@@ -87,7 +82,7 @@ def test_a_stream_shakes_the_stack_with_its_amplitude_and_its_phase_goes_on(sim:
 
 
 def test_an_amplitude_above_the_full_scale_is_refused_before_anything_is_sent(sim: SimulatedBench) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         with pytest.raises(RangeError, match=r"amplitude = 10\.5 V is outside 0 to 10 V"):
             bench.role(Exciter).sine(10.0, 10.5)
@@ -134,7 +129,7 @@ def test_an_interface_without_a_timer_of_the_kernel_is_refused_by_name() -> None
 def test_whoever_dies_at_any_moment_the_output_is_off_within_the_time_out(
     after: float, amplitude: float, sim: SimulatedBench
 ) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         bench.role(Exciter).sine(10.0, amplitude)
         bench.clock.wait(after)
@@ -148,7 +143,7 @@ def test_whoever_dies_at_any_moment_the_output_is_off_within_the_time_out(
 def another(sim: SimulatedBench) -> Iterator[Any]:
     """The driver of another program, which uses the drive and does not hold the lock of the bench."""
     described = sim.description.devices
-    driver: Any = opened(sim).device("drive")
+    driver: Any = open_bench(sim).device("drive")
     driver.link.open()
     try:
         driver.connect()
@@ -161,7 +156,7 @@ def another(sim: SimulatedBench) -> Iterator[Any]:
 def test_a_drive_that_another_program_has_stopped_on_the_bus_is_switched_off_at_once(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         bench.role(Exciter).sine(10.0, 2.0)
         link: Any = bench.device("drive").link
@@ -187,7 +182,7 @@ def test_a_drive_that_another_program_has_stopped_on_the_bus_is_switched_off_at_
 
 
 def test_a_drive_that_another_program_has_made_deaf_to_set_points_hears_the_next_ones(sim: SimulatedBench) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         bench.role(Exciter).sine(10.0, 2.0)
         link: Any = bench.device("drive").link
@@ -203,7 +198,7 @@ def test_a_program_that_finds_the_drive_of_a_killed_one_waits_until_it_is_off(si
         killed.drive()
         killed.sine(10.0, 2.0)
         assert volts(sim) > 0.0
-        with opened(sim) as bench:
+        with open_bench(sim) as bench:
             assert not sim.devices["drive"].driving
             bench.drive()  # which clears the fault that the master was lost
             bench.role(Exciter).sine(10.0, 1.0)
@@ -238,7 +233,7 @@ def test_a_drive_that_watches_nobody_is_not_taken(sim: SimulatedBench) -> None:
 
 
 def test_a_fault_stops_a_run_by_name_and_is_not_cleared(sim: SimulatedBench) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         sim.devices["drive"].trip("over_current")
         with pytest.raises(SafetyError, match="has the fault 0x2310, and has switched its output off"):
@@ -252,7 +247,7 @@ def test_a_fault_stops_a_run_by_name_and_is_not_cleared(sim: SimulatedBench) -> 
 def test_a_drive_that_was_switched_off_and_on_has_its_set_up_again_and_gives_no_torque_before_it_is_asked(
     sim: SimulatedBench,
 ) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         bench.drive()
         drive = bench.role(Exciter)
         drive.sine(10.0, 1.0)

@@ -1,4 +1,4 @@
-"""While the bench drives, its amplifier is fed in time and looked at, whatever the program does meanwhile."""
+"""Every wait goes through the bench's clock, and what drives is fed and looked at, whatever the program does."""
 
 from __future__ import annotations
 
