@@ -97,24 +97,22 @@ def tapped(*, echoes: bool) -> tuple[Bus, _Tapped, list[tuple[bool, int]]]:
     return bus, _Tapped(bus, heard, echoes=echoes), told
 
 
-def test_a_frame_is_told_of_once_though_the_bus_brings_it_back() -> None:
-    bus, tap, told = tapped(echoes=True)
-    bus.send(frame(0x601, b"a"))
-    tap(frame(0x601, b"a"))
-    tap(frame(0x581, b"b"))
-    tap(frame(0x601, b"a"))  # somebody else's: ours has come back
-    assert told == [(True, 0x601), (False, 0x581), (False, 0x601)]
-    assert [message.arbitration_id for message in bus.sent] == [0x601]
-
-
-def test_an_echo_that_was_lost_does_not_hide_what_others_send() -> None:
+@pytest.mark.parametrize(
+    ("came", "others"),
+    [
+        ([0x601, 0x581, 0x601, 0x602, 0x603], [0x581, 0x601]),  # the second is somebody else's: ours has come back
+        ([0x602, 0x601, 0x603], [0x601]),  # the echo of 0x601 was lost, so the one that comes is another's
+    ],
+)
+def test_a_frame_is_told_of_once_though_the_bus_brings_it_back_and_a_lost_echo_hides_nothing(
+    came: list[int], others: list[int]
+) -> None:
     bus, tap, told = tapped(echoes=True)
     for identifier in (0x601, 0x602, 0x603):
         bus.send(frame(identifier))
-    tap(frame(0x602))  # the echo of 0x601 was lost
-    tap(frame(0x601))  # so this is another's
-    tap(frame(0x603))
-    assert told[3:] == [(False, 0x601)]
+    for identifier in came:
+        tap(frame(identifier))
+    assert told == [(True, 0x601), (True, 0x602), (True, 0x603), *((False, each) for each in others)]
 
 
 # --- opening -------------------------------------------------------------------------------------------

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
 from pathlib import Path
@@ -178,20 +178,30 @@ def test_time_stamps_count_where_frames_travel_on_a_wire() -> None:
 # --- refused by name, before anything moves ------------------------------------------------------------
 
 
-def test_what_the_bench_file_must_say_is_asked_for_by_name() -> None:
-    driver, _ = node(volts_per_unit=None)
-    with pytest.raises(
-        ConfigError, match=r"volts_per_unit in its section .* reads counts; give what one of them stands"
-    ):
-        _ = driver.ranges
-    driver, _ = node("baumer-dsrt")
-    with pytest.raises(
-        ConfigError, match="cannot send SYNC, and a PC's own would come too early or too late; write sync"
-    ):
-        driver.set_sample_rate(100.0)
-    driver, _ = node("baumer-dsrt", volts_per_unit=None, sync_node=9)
-    with pytest.raises(ConfigError, match="the node reads µε; give what one of them stands for in V"):
-        _ = driver.ranges
+@pytest.mark.parametrize(
+    ("kind", "section", "ask", "says"),
+    [
+        (
+            "canopennode-io",
+            {"volts_per_unit": None},
+            lambda node: node.ranges,
+            "volts_per_unit in .* reads counts; give",
+        ),
+        (
+            "baumer-dsrt",
+            {},
+            lambda node: node.set_sample_rate(100.0),
+            "cannot send SYNC, and a PC's own .*; write sync",
+        ),
+        ("baumer-dsrt", {"volts_per_unit": None, "sync_node": 9}, lambda node: node.ranges, "the node reads µε; give"),
+    ],
+)
+def test_what_the_bench_file_must_say_is_asked_for_by_name(
+    kind: str, section: dict[str, Any], ask: Callable[[MappedNode], object], says: str
+) -> None:
+    driver, _ = node(kind, **section)
+    with pytest.raises(ConfigError, match=says):
+        ask(driver)
 
 
 def test_rates_and_ranges_that_it_has_not_are_refused_and_nothing_is_sent() -> None:

@@ -23,7 +23,7 @@ from palpate.instrument.errors import BenchError, ConfigError, LinkError, Settin
 from palpate.procedures.logs import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults.fault import parse_faults, places
-from palpate.simulators.planning.settle import read_scene, with_faults
+from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
 from tests.drivers.outside import installed
@@ -59,17 +59,6 @@ def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_
     said = [(line.who, line.text) for line in read_log(log) if line.who.startswith("oven")]
     assert ("oven (acme-oven)", "<- write setpoint = 32.5 degC, heater = on") in said
     assert ("oven (acme-oven)", "-> temperature = 32.5 degC") in said
-
-
-def test_its_faults_strike_it_and_what_it_cannot_have_is_refused(with_oven: Scene) -> None:
-    stuck = with_faults(with_oven, [{"kind": "stuck_reading", "on": "oven", "at": "1 s"}])
-    with SimulatedBench(stuck) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        sim.clock.wait(2.0)
-        bench.device("oven").warm(5.0)
-        assert bench.device("oven").temperature() == 20.0
-    for kind in ("over_current", "bit_error", "node_reboot", "bridge_open"):
-        with pytest.raises(ConfigError, match=f"unknown place of a {kind} 'oven'"):
-            with_faults(with_oven, [{"kind": kind, "on": "oven", "at": "1 s"}])
 
 
 def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: Scene, closed_port: int) -> None:
@@ -117,25 +106,6 @@ def test_a_can_bus_whose_devices_are_all_optional_may_be_absent(scene: Scene) ->
         with Bench(check(tables, BenchDescription, "here"), sim.clock, sim.operator) as bench:
             assert bench.cautions[0].startswith("spare is not used: CAN bus socketcan:none cannot be opened")
             bench.check_settings()
-
-
-WRONG = {
-    'kind = "acme-ovne"': "device.oven: unknown kind of device 'acme-ovne' (did you mean 'acme-oven'?)",
-    'kind = "acme-oven"\nlink = "line"': "device.oven: link: a acme-oven needs a link of kind modbus-tcp",
-    'kind = "acme-oven"\nlimt = 3': "device.oven: limt: unknown key",
-    'kind = "acme-oven"\nrole = "positioner"': "device.oven: unknown role of a acme-oven 'positioner'; valid: chamber",
-    'kind = "acme-oven"\nnode = 4': "device.oven: a device on link oven needs a unit and must have no node",
-}
-
-
-@pytest.mark.parametrize("section", WRONG)
-def test_a_wrong_section_is_named_with_key_and_remedy(section: str, with_oven: Scene) -> None:
-    with SimulatedBench(with_oven) as sim:
-        tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
-    tables["device"]["oven"] |= tomllib.loads(section)
-    with pytest.raises(ConfigError) as caught:
-        check(tables, BenchDescription, "bench.toml")
-    assert str(caught.value).startswith(f"bench.toml: {WRONG[section]}")
 
 
 def test_two_that_could_fill_a_role_need_a_word_of_who_does(oven: None, scene: Scene) -> None:

@@ -79,28 +79,24 @@ def test_over_current_trips_at_the_peak(amplitude: float, trips: bool, bench: Be
 
 
 def test_every_way_to_too_much_current_trips(bench: Bench) -> None:
-    def over_current() -> bool:
-        tripped = bench.device("shaker_amplifier").read().faults_latched == {"over_current"}
-        bench.device("shaker_amplifier").clear_faults()
-        return tripped
-
-    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=1.0, watchdog=0)
+    generator, amplifier = bench.device("signal_generator"), bench.device("shaker_amplifier")
+    amplifier.configure(gain=2.0, current_limit=1.0, watchdog=0)
     drive(bench, 1.0)
-    bench.device("signal_generator").set(offset=-1.0)
-    assert over_current()
-    bench.device("signal_generator").set(offset=0.0)
-    bench.device("shaker_amplifier").enable()
-    bench.device("shaker_amplifier").set(gain=4.0)
-    assert over_current()
-    bench.device("shaker_amplifier").set(gain=2.0)
-    bench.device("shaker_amplifier").enable()
-    bench.device("shaker_amplifier").set(current_limit=0.5)
-    assert over_current()
-    bench.device("shaker_amplifier").enable()
-    assert over_current()
-    bench.device("shaker_amplifier").set(current_limit=1.0)
-    bench.device("shaker_amplifier").enable()
-    assert bench.device("shaker_amplifier").read().enabled
+    for device, much, less in (
+        (generator, {"offset": -1.0}, {"offset": 0.0}),
+        (amplifier, {"gain": 4.0}, {"gain": 2.0}),
+        (amplifier, {"current_limit": 0.5}, {}),
+        (amplifier, {}, {"current_limit": 1.0}),  # to enable it is enough
+    ):
+        amplifier.enable()
+        if much:
+            device.set(**much)
+        assert amplifier.read().faults_latched == {"over_current"}
+        amplifier.clear_faults()
+        if less:
+            device.set(**less)
+    amplifier.enable()
+    assert amplifier.read().enabled
 
 
 def test_over_temperature_trips_and_cannot_be_cleared_while_hot(bench: Bench, sim: SimulatedBench) -> None:

@@ -149,20 +149,23 @@ def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None
 TEXT = ["41 08 10 00 09", "00 70 61 6c 70 61 74 65", "1b 21 21"]  # nine bytes in two segments, the last of two
 
 
-def test_a_text_in_segments_is_read_twice() -> None:
-    client = Client(*TEXT, *TEXT)
-    assert client.upload(0x1008, 0) == b"palpate!!"
-    assert [request[:2] for request in client.requests] == ["40", "60", "70"] * 2
-
-
-def test_a_number_in_one_frame_is_read_once() -> None:
-    client = Client("4b 17 10 00 f4 01")
-    assert (client.upload(0x1017, 0, 2), client.requests) == (b"\xf4\x01", ["40 17 10 00 00 00 00 00"])
-
-
-def test_a_size_that_the_node_says_counts_against_the_one_that_was_expected() -> None:
-    assert Client("43 17 10 00 f4 01 02 03").upload(0x1017, 0, 2) == b"\xf4\x01\x02\x03"
-    assert Client("42 17 10 00 f4 01 02 03").upload(0x1017, 0) == b"\xf4\x01\x02\x03"
+@pytest.mark.parametrize(
+    ("answers", "place", "data", "asked"),
+    [
+        ([*TEXT, *TEXT], (0x1008, 0), b"palpate!!", ["40", "60", "70"] * 2),
+        (["40 08 10 00", *TEXT[1:]] * 2, (0x1008, 0, 4), b"palpate!!", ["40", "60", "70"] * 2),  # it tells no size
+        (["4b 17 10 00 f4 01"], (0x1017, 0, 2), b"\xf4\x01", ["40"]),
+        (["43 17 10 00 f4 01 02 03"], (0x1017, 0, 2), b"\xf4\x01\x02\x03", ["40"]),  # what it says counts
+        (["42 17 10 00 f4 01 aa bb"], (0x1017, 0, 2), b"\xf4\x01", ["40"]),  # it does not say how many bytes count
+        (["42 17 10 00 f4 01 02 03"], (0x1017, 0), b"\xf4\x01\x02\x03", ["40"]),
+    ],
+)
+def test_a_number_in_one_frame_is_read_once_and_a_text_in_segments_twice(
+    answers: list[str], place: tuple[int, ...], data: bytes, asked: list[str]
+) -> None:
+    client = Client(*answers)
+    assert client.upload(*place) == data
+    assert [request[:2] for request in client.requests] == asked
 
 
 @pytest.mark.parametrize("announced", [8, 10])
@@ -170,11 +173,6 @@ def test_an_object_of_another_size_than_announced_is_refused(announced: int) -> 
     answers = [f"41 08 10 00 {announced:02x}", *TEXT[1:]]
     with pytest.raises(SdoCommunicationError, match=f"object of 9 bytes, {announced} were announced"):
         Client(*answers, *answers).upload(0x1008, 0)
-
-
-def test_a_text_of_no_announced_size_is_read_to_its_end() -> None:
-    answers = ["40 08 10 00", *TEXT[1:]]
-    assert Client(*answers, *answers).upload(0x1008, 0, 4) == b"palpate!!"
 
 
 def test_an_object_without_end_is_refused_after_the_largest() -> None:
