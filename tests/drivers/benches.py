@@ -7,8 +7,7 @@ import tomllib
 from collections.abc import Callable
 from typing import Any
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import Bench, BenchDescription
 from palpate.instrument.bench.links import LINKS
 from palpate.instrument.config import check
 from palpate.simulators.bench import SimulatedBench

@@ -20,13 +20,10 @@ from pymodbus.pdu.register_message import (
 )
 
 from palpate.drivers.devices.device import DevicePlace
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Identity
+from palpate.extend import Contract, DeviceError, Identity, ModbusDevice
 from palpate.instrument.contracts.field import BITS, Field, Value, probe
 from palpate.instrument.contracts.own import SENSOR_NODE
-from palpate.instrument.errors import DeviceError
 from palpate.simulators.clock import VirtualClock
 
 

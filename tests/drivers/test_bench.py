@@ -10,9 +10,8 @@ from typing import Any
 import pytest
 from pymodbus.pdu import ModbusPDU
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.incident import Incidents
-from palpate.instrument.contracts.declaration import Identity
+from palpate.extend import Bench, Identity
 from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError, SafetyError, SettingsLost
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench

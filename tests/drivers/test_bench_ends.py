@@ -10,13 +10,12 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import Amplified
 from palpate.drivers.safe_end import insist
+from palpate.extend import DEVICE_FAILURE, Bench, Refused
 from palpate.instrument.errors import BenchError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.wire.device import DEVICE_FAILURE, Refused
 from tests.drivers.benches import drive, driving, is_closed, off_the_main_thread, open_bench
 
 ENDING = pytest.mark.parametrize(

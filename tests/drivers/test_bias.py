@@ -8,10 +8,9 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.roles import Bias
+from palpate.extend import Bias, read_scene
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from tests.drivers.benches import open_bench
 
 KINDS = {

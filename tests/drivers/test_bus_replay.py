@@ -16,7 +16,6 @@ from typing import Any
 import can
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import (
     BEGINNING,
     BusLog,
@@ -30,12 +29,11 @@ from palpate.drivers.logs.bus_log import (
     unpacked,
 )
 from palpate.drivers.logs.bus_replay import BusReplay, ReplayWire
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import Bench, BenchDescription, Scene
 from palpate.instrument.bench.links import LOOPBACK, MULTICAST
 from palpate.instrument.errors import ConfigError, DeviceError, LinkTimeout, RecordError
 from palpate.procedures.logs import described
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
-from palpate.simulators.scenes.scene import Scene
 from tests.conftest import hasty
 from tests.drivers.benches import altered, open_bench
 

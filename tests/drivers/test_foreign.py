@@ -25,12 +25,10 @@ from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.devices.sensor_node import CanopenSensorNode
 from palpate.drivers.links.can import CanLink
 from palpate.drivers.links.modbus import ModbusLink
+from palpate.extend import Contract, DeviceError, sdo
 from palpate.instrument.bench import links
 from palpate.instrument.bench.links import FASTEST, SerialLine, TcpLink
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.field import sdo
 from palpate.instrument.contracts.own import POSITIONER, SENSOR_NODE, SIGNAL_GENERATOR
-from palpate.instrument.errors import DeviceError
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 

@@ -16,7 +16,6 @@ import numpy as np
 import pytest
 from pyModbusTCP.server import DataBank, ModbusServer
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import Device, DevicePlace
 from palpate.drivers.devices.load_indicator import (
     LARGEST_LOSS,
@@ -27,9 +26,9 @@ from palpate.drivers.devices.load_indicator import (
     StrainIndicator,
     pauses,
 )
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.drivers.roles import why_invalid
+from palpate.extend import Bench, ModbusDevice, Scene
 from palpate.instrument.bench.kinds import device_kind, kind_in_file
 from palpate.instrument.bench.links import TcpLink
 from palpate.instrument.bench.role_maps import LoadIndicatorMap, LoadIndicatorSettings, LowPass
@@ -42,7 +41,6 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.load_indicator import SimulatedMappedLoadIndicator, low_passed
 from palpate.simulators.rig import IDEAL_SENSITIVITY
-from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import SimulatedDevice, SimulatedPlace
 from palpate.testing import RtuConformance
 from tests.drivers.benches import drive

@@ -15,11 +15,9 @@ import pytest
 
 from palpate.drivers.devices.device import MOST, WITHIN, DevicePlace
 from palpate.drivers.devices.either_bus import EitherBus
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.kinds import DeviceKind
+from palpate.extend import Contract, DeviceKind, ModbusDevice
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Command, Condition, Identity, Manners, Mark, Pdo
 from palpate.instrument.contracts.field import Field, Scaling, sdo
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, RangeError, UsageError

@@ -11,10 +11,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import Counts, MappedNode, missing_sync
-from palpate.instrument.bench.description import read_bench
+from palpate.extend import Bench, read_bench, read_scene
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.links import Block
 from palpate.instrument.bench.role_maps import NodeSettings
@@ -22,7 +21,6 @@ from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.can_bus import hand_over
 from tests.drivers.fake_links import Objects
 from tests.memory import growth

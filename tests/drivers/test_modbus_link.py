@@ -14,9 +14,7 @@ from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOEx
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import SignalGenerator
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links import modbus
 from palpate.drivers.links.modbus import (
     LARGEST_FRAME,
@@ -25,12 +23,12 @@ from palpate.drivers.links.modbus import (
     RtuClient,
     TcpClient,
 )
+from palpate.extend import Bench, ModbusDevice, Scene
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
 from palpate.procedures.testing.wire import impatient
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene
 from tests.shares import first_of
 
 Request = Callable[..., Any]

@@ -14,14 +14,11 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import BenchDescription, Contract, Field, ModbusDevice
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.config import check
-from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Command, Condition, Manners
-from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, LinkError, LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock

@@ -11,23 +11,29 @@ from unittest.mock import Mock
 
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.logs.bus_log import BusLog
-from palpate.drivers.roles import Chamber, Positioner
+from palpate.extend import (
+    Bench,
+    BenchDescription,
+    Chamber,
+    Exciter,
+    ModbusDevice,
+    Positioner,
+    Scene,
+    read_bench,
+    read_scene,
+)
 from palpate.instrument.additions import load
-from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
 from palpate.instrument.errors import BenchError, ConfigError, LinkError, SettingsLost, UnknownName
 from palpate.procedures.logs import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults.fault import parse_faults, places
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
 from tests.drivers.outside import installed
 from tests.drivers.test_bench_ends import Failure
+
+pytestmark = pytest.mark.usefixtures("foreground")
 
 
 @pytest.fixture
@@ -108,6 +114,25 @@ def test_a_can_bus_whose_devices_are_all_optional_may_be_absent(scene: Scene) ->
             bench.check_settings()
 
 
+WRONG = {
+    'kind = "acme-ovne"': "device.oven: unknown kind of device 'acme-ovne' (did you mean 'acme-oven'?)",
+    'kind = "acme-oven"\nlink = "line"': "device.oven: link: a acme-oven needs a link of kind modbus-tcp",
+    'kind = "acme-oven"\nlimt = 3': "device.oven: limt: unknown key",
+    'kind = "acme-oven"\nrole = "positioner"': "device.oven: unknown role of a acme-oven 'positioner'; valid: chamber",
+    'kind = "acme-oven"\nnode = 4': "device.oven: a device on link oven needs a unit and must have no node",
+}
+
+
+@pytest.mark.parametrize("section", WRONG)
+def test_a_wrong_section_is_named_with_key_and_remedy(section: str, with_oven: Scene) -> None:
+    with SimulatedBench(with_oven) as sim:
+        tables: dict[str, Any] = tomllib.loads(sim.description.to_toml())
+    tables["device"]["oven"] |= tomllib.loads(section)
+    with pytest.raises(ConfigError) as caught:
+        check(tables, BenchDescription, "bench.toml")
+    assert str(caught.value).startswith(f"bench.toml: {WRONG[section]}")
+
+
 def test_two_that_could_fill_a_role_need_a_word_of_who_does(oven: None, scene: Scene) -> None:
     two = {"one": {"kind": "acme-oven"}, "two": {"kind": "acme-oven"}}
     with pytest.raises(ConfigError, match='one and two can each be the chamber; write role = "chamber" below one'):
@@ -121,7 +146,6 @@ def test_two_that_could_fill_a_role_need_a_word_of_who_does(oven: None, scene: S
 # --- an exciter without a watchdog ---------------------------------------------------------------------
 
 
-pytestmark = pytest.mark.usefixtures("foreground")
 ON, OFF = (1.0, 1.0), (0.0, 0.0)
 
 

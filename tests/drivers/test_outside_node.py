@@ -10,18 +10,14 @@ from typing import Any
 import can
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import Bench, BenchDescription, Contract, Pdo, read_scene
 from palpate.instrument.config import check
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Pdo
 from palpate.instrument.contracts.export import node_eds, registers
 from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.contracts.own import SIGNAL_GENERATOR as GENERATOR
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError, UnknownName, UsageError
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from tests.drivers.outside import installed
 
 EMERGENCY, COMMAND = 0x80, 0x200

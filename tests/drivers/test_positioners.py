@@ -13,10 +13,9 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
+from palpate.extend import Bench, ModbusDevice, SimulatedDevice, read_scene
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps import PositionerMap
 from palpate.instrument.config import check
@@ -28,8 +27,6 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.positioner import HOMING_SPEED, Axis
 from palpate.simulators.guests import guests
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import RtuConformance
 from tests.drivers.fake_links import Registers
 from tests.procedures.conftest import happens_in

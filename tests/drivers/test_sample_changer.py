@@ -7,18 +7,15 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.sample_changer import POLL, ChangerState, ModbusSampleChanger
+from palpate.extend import Bench, ModbusDevice, Scene, SimulatedDevice
 from palpate.instrument.contracts.own import SAMPLE_CHANGER
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import ModbusConformance
 from tests.drivers.fake_links import Registers
 

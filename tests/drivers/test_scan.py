@@ -23,13 +23,11 @@ from palpate.drivers.scan import (
     scan_line,
     settings,
 )
+from palpate.extend import Contract, DeviceKind, Field
 from palpate.instrument.bench import links
 from palpate.instrument.bench.kinds import KINDS as OWN
-from palpate.instrument.bench.kinds import DeviceKind
 from palpate.instrument.bench.links import SerialLine
-from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.declaration import Identity, Manners, Mark
-from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import UsageError
 from palpate.simulators.clock import VirtualClock
 from tests.drivers.test_foreign import NODE, ForeignNode

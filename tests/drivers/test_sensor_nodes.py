@@ -12,10 +12,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.canopen_device import MOST_EMERGENCIES
 from palpate.drivers.devices.sensor_node import LATEST_WAITS, PIECE, CanopenSensorNode, Recording, acquire, in_pieces
+from palpate.extend import Bench, Scene
 from palpate.instrument.bench.links import Block
 from palpate.instrument.contracts.own import LONGEST_WHOLE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout, RangeError
@@ -23,7 +23,6 @@ from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
-from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire import can_bus
 from palpate.testing import CanopenConformance
 from tests.drivers.fake_links import node

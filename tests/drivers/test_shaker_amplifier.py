@@ -13,11 +13,9 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import ShakerAmplifier
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.ownership import CLAIMS
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import Bench, BenchDescription, ModbusDevice, Refused, SimulatedDevice
 from palpate.instrument.bench.kinds import AmplifierSettings
 from palpate.instrument.contracts.own import SETTINGS, SHAKER_AMPLIFIER
 from palpate.instrument.errors import BenchError, BenchInUse, DeviceError, SafetyError, SettingsLost
@@ -25,7 +23,6 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.exciter import SimulatedShakerAmplifier
 from palpate.simulators.linear.periodic import Periodic
-from palpate.simulators.wire.device import Refused, SimulatedDevice
 from palpate.testing import ModbusConformance
 from tests.conftest import latched
 from tests.drivers.benches import altered, drive, open_bench

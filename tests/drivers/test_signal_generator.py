@@ -10,14 +10,12 @@ import numpy as np
 import numpy.typing as npt
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import SignalGenerator
-from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.extend import Bench, ModbusDevice, SimulatedDevice
 from palpate.instrument.errors import LinkTimeout, RangeError, SettingsLost
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.exciter import SimulatedSignalGenerator
-from palpate.simulators.wire.device import SimulatedDevice
 from palpate.testing import ModbusConformance
 from tests.drivers.benches import drive
 
