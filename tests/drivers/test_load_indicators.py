@@ -5,9 +5,10 @@ from __future__ import annotations
 import math
 import re
 import struct
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from contextlib import ExitStack
 from dataclasses import replace
+from functools import partial
 from pathlib import Path
 from types import SimpleNamespace
 from typing import Any
@@ -57,13 +58,12 @@ class TestStrainIndicator(RtuConformance):
         return bench.device("strain_indicator"), sim.indicator
 
 
-@pytest.mark.parametrize(("mass", "reading"), [(0.0, 2), (0.14, 16), (0.44, 46), (0.74, 77)])
-def test_a_weight_reads_as_in_table_5_1(mass: float, reading: int, bench: Bench) -> None:
-    bench.operator.place_weight(mass)
-    bench.clock.wait(2.0)
-    shown = bench.device("strain_indicator").read()
-    assert shown.reading_mV == pytest.approx(reading, abs=1)
-    assert (shown.resolution_mV, shown.valid) == (1.0, True)
+def test_a_weight_reads_as_in_table_5_1(bench: Bench) -> None:
+    for mass, reading in ((0.0, 2), (0.14, 16), (0.44, 46), (0.74, 77)):
+        bench.operator.place_weight(mass)
+        bench.clock.wait(2.0)
+        shown = bench.device("strain_indicator").read()
+        assert (shown.reading_mV, shown.resolution_mV, shown.valid) == (pytest.approx(reading, abs=1), 1.0, True)
 
 
 def ideal(scene: Scene) -> Scene:
@@ -377,12 +377,11 @@ LOADS = (1.234, -3.21, 100.37, -0.017)
 class Scale:
     """A scale that shows loads in newtons, on a server of pyModbusTCP, and the driver of a map for it."""
 
-    def __init__(self, stack: ExitStack, folder: Path, type_: str, more: str = "", swapped: bool = False) -> None:
-        self._bank, self._type, self._swapped = DataBank(), type_, swapped
-        server = ModbusServer("127.0.0.1", 0, no_block=True, data_bank=self._bank)
-        server.start()
-        stack.callback(server.stop)
-        file = folder / "scale.toml"
+    def __init__(
+        self, stack: ExitStack, server: ModbusServer, folder: Path, type_: str, more: str = "", swapped: bool = False
+    ) -> None:
+        self._bank, self._type, self._swapped = server.data_bank, type_, swapped
+        file = folder / f"{type_}.toml"
         file.write_text(MAP.format(type=type_, more=more), encoding="utf-8")
         port = server._service.server_address[1]
         link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=port, timeout="5 s"))  # type: ignore[arg-type]
@@ -412,20 +411,28 @@ class Scale:
         return found
 
 
+@pytest.fixture(scope="module")
+def server() -> Iterator[ModbusServer]:
+    server = ModbusServer("127.0.0.1", 0, no_block=True, data_bank=DataBank())
+    server.start()
+    yield server
+    server.stop()
+
+
 @pytest.fixture
-def stack() -> Iterator[ExitStack]:
+def scale(server: ModbusServer, tmp_path: Path) -> Iterator[Callable[..., Scale]]:
     with ExitStack() as stack:
-        yield stack
+        yield partial(Scale, stack, server, tmp_path)
 
 
 @pytest.mark.parametrize(("type_", "more"), [("float32", ""), ("int32", "scale = 0.001"), ("float64", "")])
 @pytest.mark.parametrize("load", first_of(LOADS))
 def test_a_reading_with_swapped_words_is_refused_or_in_doubt(
-    type_: str, more: str, load: float, stack: ExitStack, tmp_path: Path
+    type_: str, more: str, load: float, scale: Callable[..., Scale]
 ) -> None:
-    scale = Scale(stack, tmp_path, type_, more, swapped=True)
+    shown = scale(type_, more, swapped=True)
     try:
-        found = scale.read(load)
+        found = shown.read(load)
     except DeviceError as error:
         assert f"its words come in the other order ({load:g} N)" in str(error)
     else:
@@ -433,50 +440,47 @@ def test_a_reading_with_swapped_words_is_refused_or_in_doubt(
 
 
 def test_a_doubt_is_one_incident_until_it_is_told_what_to_read_and_ends_with_a_reading_that_tells(
-    stack: ExitStack, tmp_path: Path
+    scale: Callable[..., Scale],
 ) -> None:
-    scale = Scale(stack, tmp_path, "float32")
-    assert (scale.read(0.0).doubt, scale.noticed) == ("", [])  # the same in both orders
+    shown = scale("float32")
+    assert (shown.read(0.0).doubt, shown.noticed) == ("", [])  # the same in both orders
     doubtful = struct.unpack(">f", bytes.fromhex("BD71 42C8"))[0]  # 100.37 with its words swapped
-    for _ in range(2):
-        assert scale.read(doubtful).doubt
-    assert len(scale.noticed) == 1
-    assert "compare with the display, or change the load until a reading tells" in scale.noticed[0]
-    scale.driver.track(0.01)
-    assert scale.read(doubtful).doubt
-    assert len(scale.noticed) == 2
-    found = scale.read(2.5)
+    assert all(shown.read(doubtful).doubt for _ in range(2))
+    assert len(shown.noticed) == 1
+    assert "compare with the display, or change the load until a reading tells" in shown.noticed[0]
+    shown.driver.track(0.01)
+    assert shown.read(doubtful).doubt
+    assert len(shown.noticed) == 2
+    found = shown.read(2.5)
     assert (found.valid, found.reading_mV, found.doubt) == (True, 25.0, "")
-    assert (scale.read(doubtful).doubt, len(scale.noticed)) == ("", 2)
+    assert (shown.read(doubtful).doubt, len(shown.noticed)) == ("", 2)
 
 
 @pytest.mark.slow
-def test_readings_that_differ_decide_soon(stack: ExitStack, tmp_path: Path) -> None:
-    for number, (type_, more) in enumerate((("float32", ""), ("int32", "scale = 0.001"))):
-        folder = tmp_path / str(number)
-        folder.mkdir()
-        right = Scale(stack, folder, type_, more)
+def test_readings_that_differ_decide_soon(scale: Callable[..., Scale]) -> None:
+    for type_, more in (("float32", ""), ("int32", "scale = 0.001")):
+        right = scale(type_, more)
         doubts = [right.read(load).doubt for load in LOADS]
         assert not any(doubts[1:])
-        swapped = Scale(stack, folder, type_, more, swapped=True)
+        swapped = scale(type_, more, swapped=True)
         with pytest.raises(DeviceError, match="its words come in the other order"):
             for load in LOADS:
                 swapped.read(load)
 
 
-def test_what_is_no_load_in_either_order_is_refused_with_what_to_look_at(stack: ExitStack, tmp_path: Path) -> None:
-    scale = Scale(stack, tmp_path, "float32")
+def test_what_is_no_load_in_either_order_is_refused_with_what_to_look_at(scale: Callable[..., Scale]) -> None:
+    shown = scale("float32")
     for data in ("7F7F FFFF", "7CF0 0000", "FF7F FFFF", "5000 0000"):
-        scale.hold(bytes.fromhex(data))
+        shown.hold(bytes.fromhex(data))
         with pytest.raises(DeviceError, match=r"N, which is no load; check type, address and scale .* as `missing`"):
-            scale.driver.read()
+            shown.driver.read()
 
 
 @pytest.mark.parametrize("missing", ["0x7F7FFFFF", "3.4028234663852886e38"])
-def test_a_value_that_says_that_there_is_no_reading_is_none(missing: str, stack: ExitStack, tmp_path: Path) -> None:
-    scale = Scale(stack, tmp_path, "float32", f"missing = [{missing}]")
-    scale.hold(bytes.fromhex("7F7F FFFF"))
-    assert not scale.driver.read().valid
+def test_a_value_that_says_that_there_is_no_reading_is_none(missing: str, scale: Callable[..., Scale]) -> None:
+    shown = scale("float32", f"missing = [{missing}]")
+    shown.hold(bytes.fromhex("7F7F FFFF"))
+    assert not shown.driver.read().valid
 
 
 # --- load indicators of makers -------------------------------------------------------------------------

@@ -410,12 +410,10 @@ def test_a_bench_with_that_device_at_another_node_id_is_refused_before_anything_
     ) in str(refused.value)
 
 
-@pytest.mark.parametrize("cob_id", [0x2000_0182, 0x0001_0182, 0x80, 0x0, 0x701])
-def test_a_twin_refuses_cob_ids_that_no_pdo_may_have(cob_id: int, tmp_path: Path) -> None:
+def test_a_twin_refuses_cob_ids_and_transmissions_that_no_pdo_may_have(tmp_path: Path) -> None:
     with served(tmp_path, BASE + pdo(0, "$NODEID+0x180", READING, at="1")) as widget:
         write(widget, 0x1800, 1, 0xC000_0182)
-        with pytest.raises(DeviceError, match="range"):
-            write(widget, 0x1800, 1, 0x4000_0000 | cob_id)
-        for transmission in (0xF1, 0xFB):
+        refused = [(1, 0x4000_0000 | cob_id, 4) for cob_id in (0x2000_0182, 0x0001_0182, 0x80, 0x0, 0x701)]
+        for subindex, value, size in (*refused, (2, 0xF1, 1), (2, 0xFB, 1)):
             with pytest.raises(DeviceError, match="range"):
-                write(widget, 0x1800, 2, transmission, 1)
+                write(widget, 0x1800, subindex, value, size)

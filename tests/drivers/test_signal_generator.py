@@ -47,13 +47,11 @@ def test_a_frequency_change_is_one_request_and_keeps_the_phase(
     assert np.diff(volts_at(sim.generator, 0.0, 1e-6)) == pytest.approx(2 * slope, rel=1e-3)
 
 
-@pytest.mark.parametrize(("amplitude", "offset"), [(6.0, 4.000001), (9.0, -1.1), (math.nan, 0.0), (0.1, math.nan)])
-def test_a_peak_above_the_rail_is_refused_before_it_is_sent(
-    amplitude: float, offset: float, bench: Bench, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_a_peak_above_the_rail_is_refused_before_it_is_sent(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
     wire = listen(bench.device("signal_generator").link, monkeypatch)
-    with pytest.raises(RangeError, match="signal generator: "):
-        bench.device("signal_generator").sine(10.0, amplitude, offset)
+    for amplitude, offset in ((6.0, 4.000001), (9.0, -1.1), (math.nan, 0.0), (0.1, math.nan)):
+        with pytest.raises(RangeError, match="signal generator: "):
+            bench.device("signal_generator").sine(10.0, amplitude, offset)
     assert wire.requests == []
 
 

@@ -39,6 +39,16 @@ def volts(sim: SimulatedBench) -> float:
     return float(abs(sim.rig.coil_voltage().amplitude[0]))
 
 
+@contextmanager
+def driven(sim: SimulatedBench, amplitude: float) -> Iterator[tuple[Any, Any]]:
+    """An open bench that drives at 10 Hz, and its exciter."""
+    with open_bench(sim) as bench:
+        bench.drive()
+        drive = bench.role(Exciter)
+        drive.sine(10.0, amplitude)
+        yield bench, drive
+
+
 # --- the stream ----------------------------------------------------------------------------------------
 
 
@@ -64,10 +74,7 @@ def test_a_frequency_that_no_list_reaches_is_refused(frequency: float) -> None:
 
 
 def test_a_stream_shakes_the_stack_with_its_amplitude_and_its_phase_goes_on(sim: SimulatedBench) -> None:
-    with open_bench(sim) as bench:
-        bench.drive()
-        drive = bench.role(Exciter)
-        drive.sine(10.0, 1.0)
+    with driven(sim, 1.0) as (bench, drive):
         begun = sim.clock.now_ns()
         assert (volts(sim), drive.effort()) == (pytest.approx(5.0 * PERCENT, rel=0.01), 5.0)
         bench.clock.wait(0.123)
@@ -129,9 +136,7 @@ def test_an_interface_without_a_timer_of_the_kernel_is_refused_by_name() -> None
 def test_whoever_dies_at_any_moment_the_output_is_off_within_the_time_out(
     after: float, amplitude: float, sim: SimulatedBench
 ) -> None:
-    with open_bench(sim) as bench:
-        bench.drive()
-        bench.role(Exciter).sine(10.0, amplitude)
+    with driven(sim, amplitude) as (bench, _):
         bench.clock.wait(after)
         assert sim.devices["drive"].driving
         sim.clock.wait(WATCHDOG)  # nobody feeds: the program is dead, and the kernel or the bus goes on with its list
@@ -156,9 +161,7 @@ def another(sim: SimulatedBench) -> Iterator[Any]:
 def test_a_drive_that_another_program_has_stopped_on_the_bus_is_switched_off_at_once(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    with open_bench(sim) as bench:
-        bench.drive()
-        bench.role(Exciter).sine(10.0, 2.0)
+    with driven(sim, 2.0) as (bench, drive):
         link: Any = bench.device("drive").link
         told: list[str] = []
 
@@ -175,21 +178,19 @@ def test_a_drive_that_another_program_has_stopped_on_the_bus_is_switched_off_at_
         monkeypatch.setattr(link, "command", command)
         link.command(link.add_node(sim.devices["drive"].id), "STOPPED")
         with pytest.raises(LinkError, match="no answer"):
-            bench.role(Exciter).check()
+            drive.check()
         assert sim.devices["drive"].driving
-        assert insist(bench.role(Exciter).means(), bench.clock) == []
+        assert insist(drive.means(), bench.clock) == []
         assert not sim.devices["drive"].driving
 
 
 def test_a_drive_that_another_program_has_made_deaf_to_set_points_hears_the_next_ones(sim: SimulatedBench) -> None:
-    with open_bench(sim) as bench:
-        bench.drive()
-        bench.role(Exciter).sine(10.0, 2.0)
+    with driven(sim, 2.0) as (bench, drive):
         link: Any = bench.device("drive").link
         link.command(link.add_node(sim.devices["drive"].id), "PRE-OPERATIONAL")
-        bench.role(Exciter).check()  # an answer comes after what was sent before
+        drive.check()  # an answer comes after what was sent before
         assert volts(sim) == 0.0
-        bench.role(Exciter).sine(10.0, 2.0)
+        drive.sine(10.0, 2.0)
         assert volts(sim) == pytest.approx(10.0 * PERCENT, rel=0.01)
 
 
@@ -247,10 +248,7 @@ def test_a_fault_stops_a_run_by_name_and_is_not_cleared(sim: SimulatedBench) -> 
 def test_a_drive_that_was_switched_off_and_on_has_its_set_up_again_and_gives_no_torque_before_it_is_asked(
     sim: SimulatedBench,
 ) -> None:
-    with open_bench(sim) as bench:
-        bench.drive()
-        drive = bench.role(Exciter)
-        drive.sine(10.0, 1.0)
+    with driven(sim, 1.0) as (bench, drive):
         sim.can.reboot(sim.devices["drive"])
         assert volts(sim) == 0.0
         with pytest.raises(SafetyError, match="its output was switched off"):
