@@ -260,3 +260,14 @@ class Oven(ModbusDevice):
 def oven(**held: Any) -> tuple[Oven, Any]:
     link: Any = Registers(Oven.contract, **held)
     return Oven(link, 7, VirtualClock()), link
+
+
+def changing(change: dict[str, Any]) -> Callable[[Any], Any]:
+    """Replies with other attributes."""
+
+    def changed(reply: Any) -> Any:
+        for name, value in change.items():
+            setattr(reply, name, value)
+        return reply
+
+    return changed

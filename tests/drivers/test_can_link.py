@@ -87,16 +87,6 @@ def test_error_frames_are_counted_since_they_were_last_asked_for(link: CanLink) 
 # --- what a tap is told of -----------------------------------------------------------------------------
 
 
-def tapped(*, echoes: bool) -> tuple[Bus, _Tapped, list[tuple[bool, int]]]:
-    bus, told = Bus(), list[tuple[bool, int]]()
-
-    def heard(sent: bool, message: can.Message) -> None:
-        assert not bus.sent or not sent or bus.sent[-1] is not message, "told before it is sent"
-        told.append((sent, message.arbitration_id))
-
-    return bus, _Tapped(bus, heard, echoes=echoes), told
-
-
 @pytest.mark.parametrize(
     ("came", "others"),
     [
@@ -107,7 +97,13 @@ def tapped(*, echoes: bool) -> tuple[Bus, _Tapped, list[tuple[bool, int]]]:
 def test_a_frame_is_told_of_once_though_the_bus_brings_it_back_and_a_lost_echo_hides_nothing(
     came: list[int], others: list[int]
 ) -> None:
-    bus, tap, told = tapped(echoes=True)
+    bus, told = Bus(), list[tuple[bool, int]]()
+
+    def heard(sent: bool, message: can.Message) -> None:
+        assert message not in bus.sent, "told before it is sent"
+        told.append((sent, message.arbitration_id))
+
+    tap = _Tapped(bus, heard, echoes=True)
     for identifier in (0x601, 0x602, 0x603):
         bus.send(frame(identifier))
     for identifier in came:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import re
-from collections.abc import Callable
 from dataclasses import replace
 from typing import Any
 
@@ -15,7 +14,7 @@ from palpate.instrument.contracts.declaration import Command, Condition, Manners
 from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, LinkError, LinkTimeout, UsageError
 from tests.contracts import modbus_contract
-from tests.drivers.fake_links import Oven, oven
+from tests.drivers.fake_links import Oven, changing, oven
 
 # --- who answers ---------------------------------------------------------------------------------------
 
@@ -77,17 +76,6 @@ def test_a_reply_to_another_question_is_not_used(change: dict[str, Any], message
     link.replied = changing(change)
     with pytest.raises(DeviceError, match=f"{message}; the reply is not used"):
         driver.get("setpoint")
-
-
-def changing(change: dict[str, Any]) -> Callable[[Any], Any]:
-    """Replies with other attributes."""
-
-    def changed(reply: Any) -> Any:
-        for name, value in change.items():
-            setattr(reply, name, value)
-        return reply
-
-    return changed
 
 
 @pytest.mark.parametrize(
@@ -210,26 +198,6 @@ def test_a_device_that_is_broken_is_neither_asked_nor_told() -> None:
             use()
         assert caught.value.device == driver.name
     assert (link.asked, noticed) == ([], [])
-
-
-def test_a_device_that_breaks_while_it_is_asked_is_not_asked_again() -> None:
-    driver, link, _ = attended()
-
-    class Breaking(LinkTimeout):
-        def __init__(self) -> None:
-            super().__init__("silent")
-            driver.broken = "oven: smokes"
-
-    def breaks(*_: Any, **__: Any) -> Any:
-        link.asked.append(("asked",))
-        raise Breaking
-
-    link.transact = breaks
-    for use in (lambda: driver.get("warmth"), lambda: driver.set(heater="on")):
-        driver.broken = ""
-        with pytest.raises(LinkTimeout, match="silent"):
-            use()
-    assert len(link.asked) == 2
 
 
 def test_after_what_was_asked_or_told_the_watchdog_is_thought_of_and_not_after_a_failure() -> None:

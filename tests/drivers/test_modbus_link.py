@@ -14,7 +14,6 @@ from pymodbus.exceptions import ConnectionException, ModbusException, ModbusIOEx
 from pymodbus.pdu import ExceptionResponse
 from pymodbus.pdu.register_message import ReadHoldingRegistersResponse
 
-from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.links import modbus
 from palpate.drivers.links.modbus import (
     LARGEST_FRAME,
@@ -23,7 +22,7 @@ from palpate.drivers.links.modbus import (
     RtuClient,
     TcpClient,
 )
-from palpate.extend import Bench, ModbusDevice, Scene
+from palpate.extend import Bench, ModbusDevice
 from palpate.instrument.bench.links import SerialLine, TcpLink
 from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
@@ -272,20 +271,6 @@ def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
     port = sim.description.links["line"].port
     with pytest.raises(LinkError, match=f"serial port {port} is held by another program; end that .fuser {port}"):
         ModbusLink.rtu(sim.description.links["line"]).open()
-
-
-@pytest.mark.usefixtures("nothing_left_behind")
-def test_a_server_that_goes_away_is_a_link_error(scene: Scene) -> None:
-    with SimulatedBench(scene) as sim:
-        address = sim.description.links["signal_generator"]
-        generator = SignalGenerator(ModbusLink.tcp(address), 1, sim.clock)
-        generator.link.open()
-        generator.connect()
-    with pytest.raises(LinkError, match=f"signal generator at {address.host}:{address.port}"):
-        generator.get("frequency")
-    with pytest.raises(LinkError, match=f"{address.host}:{address.port}"):
-        generator.get("frequency")
-    generator.link.close()
 
 
 def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(

@@ -365,13 +365,6 @@ def test_a_reply_is_heard_from_the_first_moment_on_at_which_the_wire_can_bring_i
     assert client.too_soon == 0
 
 
-def test_a_line_that_is_silent_is_waited_for_as_long_as_its_time_out() -> None:
-    client = hearing()
-    client.send(READ)
-    assert client.recv(None) == b""
-    assert client.now == pytest.approx(earliest_reply(len(READ), 9600, 10) + 0.5)
-
-
 @pytest.mark.parametrize("use", ["send", "recv"])
 def test_a_line_that_is_gone_is_closed_and_told_as_a_lost_connection(use: str) -> None:
     closed: list[str] = []

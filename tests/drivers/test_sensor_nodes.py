@@ -459,22 +459,6 @@ def test_less_than_a_sample_is_refused_before_anything_is_sent(duration: float) 
     assert link.done == []
 
 
-def test_nodes_sample_at_the_rate_of_the_first_that_produces_sync(monkeypatch: pytest.MonkeyPatch) -> None:
-    (first, link, clock), (second, other, _) = node(), node(sync_period=0.5)
-    sampling(link, clock, monkeypatch)
-    other.put(sample_counter=3)
-    second.arm(3)
-    monkeypatch.setattr(second, "arm", lambda count: samples_of(count))
-
-    def samples_of(count: int) -> None:
-        for counter in range(1, count + 1):
-            samples(other, counter, 0, 0, 0, 0)
-
-    found = acquire([first, second], 0.003)
-    assert [each.rate for each in found] == [1000.0, 1000.0]
-    assert [done for done in other.done if done[0] == "download"] == []
-
-
 def test_a_sample_rate_is_what_the_node_holds_of_it_or_refused_before_anything_is_sent() -> None:
     driver, link, _ = node()
     for rate in (0.0, float("nan"), 20_000.0, 0.05):
