@@ -12,11 +12,11 @@ from pymodbus.pdu import ModbusPDU
 
 from palpate.drivers.incident import Incidents
 from palpate.extend import Bench, Identity
-from palpate.instrument.errors import BenchError, DeviceError, IdentityError, LinkError, SafetyError, SettingsLost
+from palpate.instrument.errors import BenchError, DeviceError, IdentityError, SafetyError, SettingsLost
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from tests.drivers.benches import altered, drive, driving, is_closed, open_bench
+from tests.drivers.benches import drive, driving, is_closed, open_bench
 
 # --- opening -------------------------------------------------------------------------------------------
 
@@ -44,20 +44,6 @@ def test_another_device_at_an_address_is_refused_and_not_written_to_and_the_rest
     monkeypatch.undo()
     with bench:
         assert bench.simulated
-
-
-def test_a_port_that_nobody_listens_on_is_named_and_the_rest_closed_again(
-    sim: SimulatedBench, closed_port: int
-) -> None:
-    description = sim.description
-    elsewhere = altered(description, link={"shaker_amplifier": {"port": closed_port}})
-    bench = open_bench(sim, elsewhere)
-    with pytest.raises(
-        LinkError,
-        match=rf"nothing answers at 127.0.0.1:{closed_port}: .*refuses .*correct port in \[link.shaker_amplifier\]",
-    ):
-        bench.__enter__()
-    assert is_closed(bench)
 
 
 def test_a_bench_whose_opening_fails_leaves_the_outputs_off_and_gives_its_amplifier_up(

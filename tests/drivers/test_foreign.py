@@ -169,7 +169,9 @@ def client(sim: SimulatedBench) -> Iterator[ModbusClient]:
     other.close()
 
 
-def test_a_client_of_another_stack_reads_and_sets_every_field(client: ModbusClient, sim: SimulatedBench) -> None:
+def test_a_client_of_another_stack_reads_and_sets_every_field_and_understands_refusals(
+    client: ModbusClient, sim: SimulatedBench
+) -> None:
     for field in GENERATOR.fields:
         assert client.read_holding_registers(field.address, field.size // 2) == registers(GENERATOR, field.name)
     data = GENERATOR.encode("amplitude", 1.5)
@@ -183,8 +185,6 @@ def test_a_client_of_another_stack_reads_and_sets_every_field(client: ModbusClie
         enumerate(text.encode() for text in (identity.vendor, identity.product, identity.revision))
     )
 
-
-def test_a_client_of_another_stack_understands_the_refusals(client: ModbusClient) -> None:
     assert client.read_holding_registers(0x7000, 1) is None
     assert client.last_except == EXP_DATA_ADDRESS
     assert client.write_multiple_registers(GENERATOR["amplitude"].address, [0x7FFF, 0]) is False
