@@ -16,7 +16,7 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.bench import Bench
-from palpate.drivers.links.can import LATE_ANSWERS, CanLink, _Listener, _Tapped
+from palpate.drivers.links.can import LATE_ANSWERS, CanLink
 from palpate.instrument.bench import links
 from palpate.instrument.bench.links import MULTICAST, Block, time_of
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
@@ -54,26 +54,26 @@ def heard_of(link: CanLink, message: can.Message) -> None:
 # --- what is heard -------------------------------------------------------------------------------------
 
 
-def listening(*callbacks: Callable[..., object]) -> _Listener:
-    return _Listener({0x181: callbacks})
-
-
 @pytest.mark.parametrize("flag", ["is_extended_id", "is_fd", "is_remote_frame", "is_error_frame"])
-def test_a_frame_of_another_kind_goes_to_nobody(flag: str) -> None:
+def test_a_frame_of_another_kind_goes_to_nobody(flag: str, link: CanLink) -> None:
     """canopen would take an extended identifier for the standard one."""
     heard: list[tuple[object, ...]] = []
-    listener = listening(lambda *told: heard.append(told))
-    flags: dict[str, Any] = {flag: True}
-    listener(frame(0x181, **flags))
-    assert (heard, listener.errors) == ([], flag == "is_error_frame")
+    link.open()
+    link.subscribe(0x181, lambda *told: heard.append(told))
+    heard_of(link, frame(0x181, **{flag: True}))
+    assert (heard, link.error_frames()) == ([], flag == "is_error_frame")
 
 
-def test_a_malformed_frame_does_not_end_the_thread_that_hears_frames(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_malformed_frame_does_not_end_the_thread_that_hears_frames(
+    link: CanLink, caplog: pytest.LogCaptureFixture
+) -> None:
     def refuses(*_: object) -> None:
         raise IndexError("too short")
 
+    link.open()
+    link.subscribe(0x181, refuses)
     with caplog.at_level(logging.ERROR, "canopen"):
-        listening(refuses)(frame(0x181))
+        heard_of(link, frame(0x181))
     assert [record.getMessage() for record in caplog.records] == ["too short"]
 
 
@@ -95,19 +95,23 @@ def test_error_frames_are_counted_since_they_were_last_asked_for(link: CanLink) 
     ],
 )
 def test_a_frame_is_told_of_once_though_the_bus_brings_it_back_and_a_lost_echo_hides_nothing(
-    came: list[int], others: list[int]
+    came: list[int], others: list[int], link: CanLink, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    bus, told = Bus(), list[tuple[bool, int]]()
+    monkeypatch.setattr("palpate.drivers.links.can.keep_to_group", lambda _bus: None)
+    link = CanLink(links.CanBus.model_validate({**DESCRIBED, "interface": MULTICAST}))
+    told = list[tuple[bool, int]]()
 
     def heard(sent: bool, message: can.Message) -> None:
         assert message not in bus.sent, "told before it is sent"
         told.append((sent, message.arbitration_id))
 
-    tap = _Tapped(bus, heard, echoes=True)
+    link.tap(heard)
+    link.open()
+    bus: Any = link.network.bus
     for identifier in (0x601, 0x602, 0x603):
         bus.send(frame(identifier))
     for identifier in came:
-        tap(frame(identifier))
+        heard_of(link, frame(identifier))
     assert told == [(True, 0x601), (True, 0x602), (True, 0x603), *((False, each) for each in others)]
 
 
@@ -331,12 +335,12 @@ def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
     def unplugged(*_: object, **__: object) -> None:
         raise can.CanOperationError("adapter unplugged")
 
-    link = CanLink(sim.description.links["can"])
+    link, before = CanLink(sim.description.links["can"]), set(threading.enumerate())
     link.open()
     node = link.add_node(1)
     monkeypatch.setattr(link.network.bus, "recv", unplugged)
-    notifier: Any = link.network.notifier
-    notifier._readers[0].join()
+    for listening in set(threading.enumerate()) - before:
+        listening.join()
     with pytest.raises(LinkError, match=r"^node: CAN bus virtual:.* failed: adapter unplugged"):
         link.upload("node", node, 0x1000, 0)
     with pytest.raises(LinkError, match=r"virtual:.* failed: adapter unplugged"):
@@ -348,7 +352,7 @@ def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
     bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     node = bench.device("sensor_node_1")
-    sdo: Any = node._node.sdo
+    sdo: Any = node.link.network[1].sdo
 
     looks = iter([0.0])  # before the request is sent
 

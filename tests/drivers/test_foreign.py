@@ -18,7 +18,7 @@ from modbus_tk.defines import HOLDING_REGISTERS
 from modbus_tk.modbus import Server, Slave
 from pyModbusTCP.client import ModbusClient
 from pyModbusTCP.constants import EXP_DATA_ADDRESS, EXP_DATA_VALUE
-from pyModbusTCP.server import DataBank, DeviceIdentification, ModbusServer
+from pyModbusTCP.server import DataBank, DeviceIdentification
 
 from palpate.drivers.devices.exciter import SignalGenerator
 from palpate.drivers.devices.positioner import MicroPositioner
@@ -31,6 +31,7 @@ from palpate.instrument.bench.links import FASTEST, SerialLine, TcpLink
 from palpate.instrument.contracts.own import POSITIONER, SENSOR_NODE, SIGNAL_GENERATOR
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
+from tests.drivers.other_stacks import answer, serving
 
 pytestmark = pytest.mark.filterwarnings("ignore:isSet:DeprecationWarning")  # modbus-tk's own
 
@@ -63,15 +64,8 @@ def py_modbus_tcp() -> Iterator[tuple[int, Registers]]:
         major_minor_revision=identity.revision.encode(),
         objects_id={0x80: SERIAL},
     )
-    server = ModbusServer("127.0.0.1", 0, no_block=True, data_bank=bank, device_id=device_id)
-    server.start()
-    try:
-        yield (
-            server._service.server_address[1],
-            lambda name: bank.get_holding_registers(GENERATOR[name].address, GENERATOR[name].size // 2),
-        )
-    finally:
-        server.stop()
+    with serving(bank, device_id) as port:
+        yield port, lambda name: bank.get_holding_registers(GENERATOR[name].address, GENERATOR[name].size // 2)
 
 
 def modbus_tk_device(server: Server, unit: int, contract: Contract) -> Registers:
@@ -88,7 +82,7 @@ def modbus_tk_device(server: Server, unit: int, contract: Contract) -> Registers
         head = bytes([0x0E, request[2], 0x83, 0, 0, len(asked)])
         return head + b"".join(bytes([number, len(texts[number])]) + texts[number] for number in asked)
 
-    slave._fn_code_map[IDENTIFY] = identify
+    answer(slave, IDENTIFY, identify)
     return lambda name: list(slave.get_values("all", contract[name].address, contract[name].size // 2))
 
 
@@ -299,7 +293,7 @@ def test_the_nodes_driver_uses_a_node_without_canopen(nothing_left_behind: None)
         assert node.objects[sdo(0x2100, 2)] == b"\x01"
         recorded = driver.acquire(0.02)
         with pytest.raises(DeviceError, match="Object does not exist"):
-            driver.link.upload("it", driver._node, 0x5000, 0)
+            driver.link.upload("it", driver.link.add_node(NODE), 0x5000, 0)
     assert driver.emergencies == [b"\x10\x81\x11" + bytes(5)] * 20
     count = np.arange(1, 21)
     assert recorded.voltage[0] == pytest.approx(count * 5.0 / 32768)

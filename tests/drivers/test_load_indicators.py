@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 import pytest
-from pyModbusTCP.server import DataBank, ModbusServer
+from pyModbusTCP.server import DataBank
 
 from palpate.drivers.devices.device import Device, DevicePlace
 from palpate.drivers.devices.load_indicator import (
@@ -46,6 +46,7 @@ from palpate.simulators.wire.device import SimulatedDevice, SimulatedPlace
 from palpate.testing import RtuConformance
 from tests.drivers.benches import drive
 from tests.drivers.fake_links import Registers
+from tests.drivers.other_stacks import serving
 from tests.shares import first_of
 
 GRAVITY = 9.80665  # m/s2
@@ -366,12 +367,17 @@ class Scale:
     """A scale that shows loads in newtons, on a server of pyModbusTCP, and the driver of a map for it."""
 
     def __init__(
-        self, stack: ExitStack, server: ModbusServer, folder: Path, type_: str, more: str = "", swapped: bool = False
+        self,
+        stack: ExitStack,
+        server: tuple[int, DataBank],
+        folder: Path,
+        type_: str,
+        more: str = "",
+        swapped: bool = False,
     ) -> None:
-        self._bank, self._type, self._swapped = server.data_bank, type_, swapped
+        (port, self._bank), self._type, self._swapped = server, type_, swapped
         file = folder / f"{type_}.toml"
         file.write_text(MAP.format(type=type_, more=more), encoding="utf-8")
-        port = server._service.server_address[1]
         link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=port, timeout="5 s"))  # type: ignore[arg-type]
         link.open()
         stack.callback(link.close)
@@ -400,15 +406,15 @@ class Scale:
 
 
 @pytest.fixture(scope="module")
-def server() -> Iterator[ModbusServer]:
-    server = ModbusServer("127.0.0.1", 0, no_block=True, data_bank=DataBank())
-    server.start()
-    yield server
-    server.stop()
+def server() -> Iterator[tuple[int, DataBank]]:
+    """The port of a server of pyModbusTCP, and what it holds."""
+    bank = DataBank()
+    with serving(bank) as port:
+        yield port, bank
 
 
 @pytest.fixture
-def scale(server: ModbusServer, tmp_path: Path) -> Iterator[Callable[..., Scale]]:
+def scale(server: tuple[int, DataBank], tmp_path: Path) -> Iterator[Callable[..., Scale]]:
     with ExitStack() as stack:
         yield partial(Scale, stack, server, tmp_path)
 
