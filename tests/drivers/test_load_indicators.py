@@ -262,6 +262,18 @@ def test_a_display_is_stale_when_it_was_not_renewed_though_there_was_time_for_th
     assert not driver.read().sick
 
 
+def test_a_reading_with_the_count_of_the_one_before_is_asked_for_once_more() -> None:
+    """It may be the reply of then, which was late; on a serial line the second one has another length."""
+    driver, link, _ = indicator(updates=7)
+    driver.read()
+    assert len(link.asked) == 1
+    driver.read()
+    assert len(link.asked) == 3
+    link.put(updates=8)
+    driver.read()
+    assert len(link.asked) == 4
+
+
 @pytest.mark.parametrize(
     ("before", "now", "seconds", "used"),
     [
