@@ -7,8 +7,7 @@ import tomllib
 from collections.abc import Callable
 from typing import Any
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import Bench, BenchDescription
 from palpate.instrument.bench.links import LINKS
 from palpate.instrument.config import check
 from palpate.simulators.bench import SimulatedBench
@@ -24,9 +23,9 @@ def driving(sim: SimulatedBench) -> bool:
     return bool(generator["amplitude"] or generator["output"] or amplifier["enable"])
 
 
-def drive(bench: Bench) -> None:
+def drive(bench: Bench, amplitude: float = 1.0) -> None:
     bench.drive()
-    bench.device("signal_generator").sine(10.0, 1.0)
+    bench.device("signal_generator").sine(10.0, amplitude)
 
 
 def off_the_main_thread(use: Callable[[], None]) -> None:

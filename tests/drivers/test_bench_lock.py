@@ -12,7 +12,7 @@ import socket
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager, suppress
+from contextlib import contextmanager
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
@@ -22,7 +22,6 @@ from palpate.drivers.bench_lock import BenchLock, addresses
 from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.errors import BenchError, BenchInUse
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene
 from tests.drivers.benches import drive, driving, open_bench
 
 # Locks a file as another program would; it says so, and keeps the lock until it is killed.
@@ -63,6 +62,17 @@ def locks(folder: Path) -> list[Path]:
     return sorted(folder.glob("*"))
 
 
+def open_files() -> set[str]:
+    return {path.name for path in Path("/proc/self/fd").iterdir()}
+
+
+@pytest.fixture(autouse=True)
+def no_file_stays_open() -> Iterator[None]:
+    before = open_files()
+    yield
+    assert open_files() == before
+
+
 def test_the_second_on_a_bench_touches_nothing_and_is_told_who_was_first(
     sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -78,11 +88,6 @@ def test_the_second_on_a_bench_touches_nothing_and_is_told_who_was_first(
         assert driving(sim)
     with open_bench(sim):
         assert sim.servers.transactions > asked
-
-
-def test_simulated_benches_do_not_contend(scene: Scene) -> None:
-    with SimulatedBench(scene) as one, SimulatedBench(scene) as other, open_bench(one), open_bench(other):
-        pass
 
 
 def elsewhere(host: str = "192.0.2.7", line: str = "/dev/other", channel: str = "can1") -> BenchDescription:
@@ -110,22 +115,18 @@ def test_another_file_or_name_for_the_same_device_is_the_same_bench(tmp_path: Pa
 
 
 @pytest.mark.parametrize(
-    ("line", "address"),
+    ("link", "address"),
     [
-        ("socket://192.0.2.9:4001", "TCP port 4001 of 192.0.2.9"),  # no file
-        ("relative", f"serial port {Path.cwd() / 'relative'}"),
+        ({"line": "socket://192.0.2.9:4001"}, "TCP port 4001 of 192.0.2.9"),  # no file
+        ({"line": "relative"}, f"serial port {Path.cwd() / 'relative'}"),
+        ({"interface": "virtual"}, "CAN bus virtual:can0 of process {pid}"),
+        ({"interface": "pcan"}, "CAN bus pcan:can0"),
     ],
 )
-def test_a_line_counts_by_its_device_file_or_by_its_address(line: str, address: str) -> None:
-    assert address in addresses(described(line=line))
-
-
-def test_a_can_bus_within_the_process_is_no_other_process_s(monkeypatch: pytest.MonkeyPatch) -> None:
-    for interface, address in (
-        ("virtual", f"CAN bus virtual:can0 of process {os.getpid()}"),
-        ("pcan", "CAN bus pcan:can0"),
-    ):
-        assert address in addresses(described(interface=interface))
+def test_a_line_counts_by_its_file_or_address_and_a_bus_within_the_process_for_that_alone(
+    link: dict[str, str], address: str
+) -> None:
+    assert address.format(pid=os.getpid()) in addresses(described(**link))
 
 
 def test_a_host_without_numbers_counts_by_its_name_however_it_is_written(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -140,8 +141,7 @@ def test_a_host_without_numbers_counts_by_its_name_however_it_is_written(monkeyp
 
 def test_locks_are_taken_in_one_order_so_that_two_programs_cannot_wait_for_each_other() -> None:
     found = addresses(described())
-    assert len(found) == 4
-    assert found == sorted(found)
+    assert (len(found), found) == (4, sorted(found))
 
 
 def test_a_bench_that_is_refused_gives_back_the_addresses_it_had_locked(tmp_path: Path) -> None:
@@ -171,10 +171,6 @@ def test_a_lock_of_another_program_holds_until_it_is_killed_whatever_stands_in_i
     with another_program(first, says) as process:
         with pytest.raises(BenchInUse, match=r"held by process 7 of a \(palpate \?\[2J\?\) since noon"):
             BenchLock(description, tmp_path).__enter__()
-        for nonsense in ("[]", "[" * 4096):
-            first.write_text(nonsense)
-            with pytest.raises(BenchInUse, match="held by another program"):
-                BenchLock(description, tmp_path).__enter__()
         process.send_signal(signal.SIGKILL)
         process.wait()
         assert first.exists()
@@ -199,12 +195,6 @@ def test_a_lock_that_was_removed_while_it_was_waited_for_is_taken_anew(
         assert len(locks(tmp_path)) == len(addresses(described()))
         with pytest.raises(BenchInUse), BenchLock(described(), tmp_path):
             pass
-
-
-def test_a_folder_that_cannot_be_written_is_named(tmp_path: Path) -> None:
-    (tmp_path / "file").touch()
-    with pytest.raises(BenchError, match=r"file/.* cannot be locked"), BenchLock(described(), tmp_path / "file"):
-        pass
 
 
 @pytest.mark.parametrize("put", ["link", "second name", "link to nowhere", "folder", "pipe"])
@@ -322,50 +312,19 @@ def test_a_long_command_is_told_in_part_and_can_still_be_read(tmp_path: Path, mo
 
 @pytest.mark.parametrize(
     "says",
-    ["", "no JSON", "7", "{}", '{"pid": 7, "user": "a", "command": "b"}', '"pid user command since"', "\udcff"],
+    [
+        "",
+        "no JSON",
+        "7",
+        "[" * 4096,
+        "{}",
+        '{"pid": 7, "user": "a", "command": "b"}',
+        '"pid user command since"',
+        "\udcff",
+    ],
 )
 def test_a_lock_that_does_not_say_who_has_it_still_holds(says: str, tmp_path: Path) -> None:
     assert "is held by another program; wait for it or end it" in held_by(tmp_path, says)
-
-
-def test_what_a_lock_says_is_shortened(tmp_path: Path) -> None:
-    says = json.dumps({"pid": 7, "user": "u" * 1000, "command": "c", "since": "noon"})
-    assert f"process 7 of {'u' * 300} (c) since noon" in held_by(tmp_path, says)
-
-
-# --- nothing is left open ------------------------------------------------------------------------------
-
-
-def open_files() -> set[str]:
-    return {path.name for path in Path("/proc/self/fd").iterdir()}
-
-
-@pytest.mark.parametrize("why", ["in use", "second name", "removed meanwhile", "no locks here", "free"])
-def test_no_file_stays_open_whatever_comes_of_a_lock(why: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    with BenchLock(described(), tmp_path):
-        place = locks(tmp_path)[0]
-    flock = fcntl.flock
-
-    def first(file: int, operation: int) -> None:
-        monkeypatch.undo()
-        if why == "no locks here":
-            raise OSError(errno.ENOLCK, "No locks available")
-        for left in locks(tmp_path):
-            left.unlink()
-        flock(file, operation)
-
-    with ExitStack() as stack:
-        if why == "in use":
-            stack.enter_context(BenchLock(described(), tmp_path))
-        elif why == "second name":
-            place.write_text("precious")
-            os.link(place, tmp_path / "second name")
-        elif why != "free":
-            monkeypatch.setattr(fcntl, "flock", first)
-        before = open_files()
-        with suppress(BenchError), BenchLock(described(), tmp_path):
-            pass
-        assert open_files() == before
 
 
 def test_a_lock_of_another_user_that_cannot_be_removed_is_given_back(
@@ -375,11 +334,9 @@ def test_a_lock_of_another_user_that_cannot_be_removed_is_given_back(
         raise PermissionError(errno.EPERM, "Operation not permitted")
 
     monkeypatch.setattr(Path, "unlink", refused)
-    before = open_files()
     for _ in range(2):
         with BenchLock(described(), tmp_path):
             assert len(locks(tmp_path)) == len(addresses(described()))
-    assert open_files() == before
 
 
 def test_what_cannot_be_locked_is_told_with_its_reason_and_remedy(

@@ -8,11 +8,10 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import Bias
+from palpate.extend import Bias, read_scene
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
+from tests.drivers.benches import open_bench
 
 KINDS = {
     "ea-psb": "its voltage never goes below zero",
@@ -28,10 +27,6 @@ def sim(request: pytest.FixtureRequest) -> Iterator[SimulatedBench]:
         yield simulated
 
 
-def opened(sim: SimulatedBench) -> Bench:
-    return Bench(sim.description, sim.clock, sim.operator)
-
-
 @pytest.mark.parametrize(("kind", "reason"), KINDS.items())
 def test_a_source_that_makes_no_sine_is_refused_as_exciter_with_the_reason(kind: str, reason: str) -> None:
     said = f"device.source: role: a {kind} cannot be the exciter: {reason}; it serves as bias alone"
@@ -42,12 +37,11 @@ def test_a_source_that_makes_no_sine_is_refused_as_exciter_with_the_reason(kind:
 def test_a_source_holds_a_value_and_is_off_when_the_bench_ends(sim: SimulatedBench) -> None:
     twin = sim.devices["source"]
     level = LEVELS[twin.kind.name]
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         assert any("has no watchdog, so that it stays on" in each for each in bench.cautions)
         bias: Any = bench.role(Bias)
         bias.hold(level)
-        assert bias.level() == pytest.approx(level, rel=1e-4)
-        assert twin.output == pytest.approx(level, rel=1e-4)
+        assert (bias.level(), twin.output) == (pytest.approx(level, rel=1e-4), pytest.approx(level, rel=1e-4))
         bias.hold(level / 2)
         assert twin.output == pytest.approx(level / 2, rel=1e-4)
     assert twin.output == 0.0
@@ -60,7 +54,7 @@ def test_an_interrupt_says_that_outputs_are_off_only_if_the_source_is_off_too(
     def off() -> None:
         raise LinkError("source: does not answer")
 
-    with pytest.raises(KeyboardInterrupt) as ended, opened(sim) as bench:
+    with pytest.raises(KeyboardInterrupt) as ended, open_bench(sim) as bench:
         bias: Any = bench.role(Bias)
         bias.hold(LEVELS[sim.devices["source"].kind.name])
         if fails:
@@ -71,7 +65,7 @@ def test_an_interrupt_says_that_outputs_are_off_only_if_the_source_is_off_too(
 
 
 def test_a_value_below_zero_is_refused_before_anything_is_sent(sim: SimulatedBench) -> None:
-    with opened(sim) as bench:
+    with open_bench(sim) as bench:
         asked = sim.servers.transactions
         with pytest.raises(RangeError, match="-1"):
             bench.role(Bias).hold(-1.0)
@@ -80,7 +74,7 @@ def test_a_value_below_zero_is_refused_before_anything_is_sent(sim: SimulatedBen
 
 def test_a_source_that_is_not_under_remote_control_refuses_a_value() -> None:
     scene = read_scene("ideal").with_devices({"source": {"kind": "ea-psb"}})
-    with SimulatedBench(scene) as sim, opened(sim) as bench:
+    with SimulatedBench(scene) as sim, open_bench(sim) as bench:
         with pytest.raises(DeviceError, match="voltage = 3"):
             bench.device("source").give(voltage=3.0)
         bench.role(Bias).hold(3.0)

@@ -1,4 +1,4 @@
-"""A CAN link by itself: which frames it hands to whom, and what each failure of the bus library is told as."""
+"""A CAN link: which frames it hands to whom, and what each failure of bus and nodes is told as."""
 
 from __future__ import annotations
 
@@ -6,6 +6,7 @@ import logging
 import queue
 import threading
 from collections.abc import Callable, Iterator
+from concurrent.futures import ThreadPoolExecutor
 from typing import Any
 
 import can
@@ -14,10 +15,13 @@ import numpy as np
 import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
-from palpate.drivers.links.can import LATE_ANSWERS, CanLink, _Listener, _Tapped
+from palpate.drivers.bench import Bench
+from palpate.drivers.links.can import LATE_ANSWERS, CanLink
 from palpate.instrument.bench import links
 from palpate.instrument.bench.links import MULTICAST, Block, time_of
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, LinkTimeout
+from palpate.procedures.testing.wire import impatient_node
+from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.wire.can_bus import own_channel
 
 
@@ -50,36 +54,26 @@ def heard_of(link: CanLink, message: can.Message) -> None:
 # --- what is heard -------------------------------------------------------------------------------------
 
 
-def listening(*callbacks: Callable[..., object]) -> _Listener:
-    return _Listener({0x181: callbacks})
-
-
-def test_a_frame_goes_to_those_who_subscribed_its_identifier() -> None:
-    heard: list[tuple[object, ...]] = []
-    listener = listening(lambda *told: heard.append(told), lambda *_: heard.append(("second",)))
-    listener(can.Message(arbitration_id=0x181, data=b"ab", is_extended_id=False, timestamp=7.0))
-    listener(frame(0x182, b"cd"))
-    assert heard == [(0x181, b"ab", 7.0), ("second",)]
-    assert listener.errors == 0
-
-
 @pytest.mark.parametrize("flag", ["is_extended_id", "is_fd", "is_remote_frame", "is_error_frame"])
-def test_a_frame_of_another_kind_goes_to_nobody(flag: str) -> None:
+def test_a_frame_of_another_kind_goes_to_nobody(flag: str, link: CanLink) -> None:
     """canopen would take an extended identifier for the standard one."""
     heard: list[tuple[object, ...]] = []
-    listener = listening(lambda *told: heard.append(told))
-    flags: dict[str, Any] = {flag: True}
-    listener(frame(0x181, **flags))
-    assert heard == []
-    assert listener.errors == (flag == "is_error_frame")
+    link.open()
+    link.subscribe(0x181, lambda *told: heard.append(told))
+    heard_of(link, frame(0x181, **{flag: True}))
+    assert (heard, link.error_frames()) == ([], flag == "is_error_frame")
 
 
-def test_a_malformed_frame_does_not_end_the_thread_that_hears_frames(caplog: pytest.LogCaptureFixture) -> None:
+def test_a_malformed_frame_does_not_end_the_thread_that_hears_frames(
+    link: CanLink, caplog: pytest.LogCaptureFixture
+) -> None:
     def refuses(*_: object) -> None:
         raise IndexError("too short")
 
+    link.open()
+    link.subscribe(0x181, refuses)
     with caplog.at_level(logging.ERROR, "canopen"):
-        listening(refuses)(frame(0x181))
+        heard_of(link, frame(0x181))
     assert [record.getMessage() for record in caplog.records] == ["too short"]
 
 
@@ -93,48 +87,32 @@ def test_error_frames_are_counted_since_they_were_last_asked_for(link: CanLink) 
 # --- what a tap is told of -----------------------------------------------------------------------------
 
 
-def tapped(*, echoes: bool) -> tuple[Bus, _Tapped, list[tuple[bool, int]]]:
-    bus, told = Bus(), list[tuple[bool, int]]()
+@pytest.mark.parametrize(
+    ("came", "others"),
+    [
+        ([0x601, 0x581, 0x601, 0x602, 0x603], [0x581, 0x601]),  # the second is somebody else's: ours has come back
+        ([0x602, 0x601, 0x603], [0x601]),  # the echo of 0x601 was lost, so the one that comes is another's
+    ],
+)
+def test_a_frame_is_told_of_once_though_the_bus_brings_it_back_and_a_lost_echo_hides_nothing(
+    came: list[int], others: list[int], link: CanLink, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("palpate.drivers.links.can.keep_to_group", lambda _bus: None)
+    link = CanLink(links.CanBus.model_validate({**DESCRIBED, "interface": MULTICAST}))
+    told = list[tuple[bool, int]]()
 
     def heard(sent: bool, message: can.Message) -> None:
-        assert not bus.sent or not sent or bus.sent[-1] is not message, "told before it is sent"
+        assert message not in bus.sent, "told before it is sent"
         told.append((sent, message.arbitration_id))
 
-    return bus, _Tapped(bus, heard, echoes=echoes), told
-
-
-def test_a_frame_is_told_of_once_though_the_bus_brings_it_back() -> None:
-    bus, tap, told = tapped(echoes=True)
-    bus.send(frame(0x601, b"a"))
-    tap(frame(0x601, b"a"))
-    tap(frame(0x581, b"b"))
-    tap(frame(0x601, b"a"))  # somebody else's: ours has come back
-    assert told == [(True, 0x601), (False, 0x581), (False, 0x601)]
-    assert [message.arbitration_id for message in bus.sent] == [0x601]
-
-
-def test_an_echo_that_was_lost_does_not_hide_what_others_send() -> None:
-    bus, tap, told = tapped(echoes=True)
+    link.tap(heard)
+    link.open()
+    bus: Any = link.network.bus
     for identifier in (0x601, 0x602, 0x603):
         bus.send(frame(identifier))
-    tap(frame(0x602))  # the echo of 0x601 was lost
-    tap(frame(0x601))  # so this is another's
-    tap(frame(0x603))
-    assert told[3:] == [(False, 0x601)]
-
-
-def test_an_echo_has_the_data_of_what_was_sent() -> None:
-    bus, tap, told = tapped(echoes=True)
-    bus.send(frame(0x601, b"a"))
-    tap(frame(0x601, b"b"))
-    assert told[1:] == [(False, 0x601)]
-
-
-def test_on_a_bus_without_echoes_each_frame_that_comes_is_another_s() -> None:
-    bus, tap, told = tapped(echoes=False)
-    bus.send(frame(0x601))
-    tap(frame(0x601))
-    assert told == [(True, 0x601), (False, 0x601)]
+    for identifier in came:
+        heard_of(link, frame(identifier))
+    assert told == [(True, 0x601), (True, 0x602), (True, 0x603), *((False, each) for each in others)]
 
 
 # --- opening -------------------------------------------------------------------------------------------
@@ -177,8 +155,7 @@ def test_a_multicast_bus_keeps_to_its_group_and_echoes(
     bus.send(frame(0x601))
     for listener in link.network.listeners:
         listener(frame(0x601))
-    assert groups == kept * [bus]
-    assert told == [True, False][:heard]
+    assert (groups, told) == (kept * [bus], [True, False][:heard])
 
 
 def block() -> Block:
@@ -213,16 +190,6 @@ def test_a_tap_hears_each_frame_of_a_block_with_its_own_time(link: CanLink) -> N
         listener(block())  # type: ignore[arg-type]
     assert [(m.arbitration_id, bytes(m.data)) for m in told[:3]] == [(0x80, b""), (0x181, b"\1\0"), (0x182, b"\2\0")]
     assert [time_of(m) for m in told] == [1000, 1000, 1000, 2000, 2000, 2000]
-
-
-def test_a_tap_hears_of_a_frame_before_anybody_acts_on_it(link: CanLink) -> None:
-    order: list[str] = []
-    link.tap(lambda _sent, _message: order.append("tap"))
-    link.open()
-    link.subscribe(0x181, lambda *_: order.append("subscriber"))
-    for listener in link.network.listeners:
-        listener(frame(0x181))
-    assert order == ["tap", "subscriber"]
 
 
 def test_nothing_is_kept_for_ever_of_what_nobody_asks_for(link: CanLink) -> None:
@@ -356,3 +323,54 @@ def test_a_heartbeat_goes_out_while_a_transfer_waits_for_its_answer(link: CanLin
     node.sdo.upload = waits
     assert link.upload("node", node, 0x1000, 0, 1) == b"\0"
     assert [(each.arbitration_id, bytes(each.data)) for each in link.network.bus.sent] == [(0x77F, b"\5")]  # type: ignore[union-attr]
+
+
+# --- on a simulated bus --------------------------------------------------------------------------------
+
+
+@pytest.mark.filterwarnings("ignore::pytest.PytestUnhandledThreadExceptionWarning")
+def test_an_adapter_that_was_pulled_out_is_a_link_error_in_use_and_in_closing(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def unplugged(*_: object, **__: object) -> None:
+        raise can.CanOperationError("adapter unplugged")
+
+    link, before = CanLink(sim.description.links["can"]), set(threading.enumerate())
+    link.open()
+    node = link.add_node(1)
+    monkeypatch.setattr(link.network.bus, "recv", unplugged)
+    for listening in set(threading.enumerate()) - before:
+        listening.join()
+    with pytest.raises(LinkError, match=r"^node: CAN bus virtual:.* failed: adapter unplugged"):
+        link.upload("node", node, 0x1000, 0)
+    with pytest.raises(LinkError, match=r"virtual:.* failed: adapter unplugged"):
+        link.close()
+    link.close()
+
+
+def test_a_transfer_that_a_signal_breaks_off_leaves_its_answer_to_nobody(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    node = bench.device("sensor_node_1")
+    sdo: Any = node.link.network[1].sdo
+
+    looks = iter([0.0])  # before the request is sent
+
+    def interrupted() -> float:
+        for now in looks:
+            return now
+        raise KeyboardInterrupt
+
+    with sim.clock.lock, impatient_node(node, monkeypatch), monkeypatch.context() as patch:
+        patch.setattr(sdo, "now", interrupted)  # which is looked at again when the request is sent
+        with pytest.raises(KeyboardInterrupt):
+            node.set("sync_period", 0.5)
+    assert node.get("sync_period") == 0.5
+
+
+def test_threads_take_turns_on_a_bus(bench: Bench) -> None:
+    node = bench.device("sensor_node_1")
+    wanted = ["probe", "heartbeat", "vendor", "sync_period"]
+    with ThreadPoolExecutor(len(wanted)) as pool:
+        answers = list(pool.map(lambda name: {node.get(name) for _ in range(50)}, wanted))
+    assert answers == [{0x12345678}, {1.0}, {0x50414C50}, {0.001}]

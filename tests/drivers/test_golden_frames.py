@@ -15,19 +15,15 @@ import can
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.exciter import ShakerAmplifier
-from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate.extend import Bench, Contract, ModbusDevice, Scene, SimulatedDevice
 from palpate.instrument.contracts import CONTRACTS
-from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Field, Value
 from palpate.instrument.contracts.own import SYNC_COB_ID
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.testing.wire import frames, listen, payloads, transfers
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.devices.exciter import AmplifierOwner
-from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.device import SimulatedDevice
 
 GOLDEN = {
     path.stem: tomllib.loads(path.read_text(encoding="utf-8"))
@@ -171,8 +167,7 @@ def test_the_identity_travels_as_the_golden_frame(
     golden = GOLDEN[device]["identity"]
     wire = listen(driver.link, monkeypatch)
     driver.connect()
-    assert wire.requests[0] == bits(golden["request"])
-    assert wire.replies[0] == bits(golden["response"])
+    assert (wire.requests[0], wire.replies[0]) == (bits(golden["request"]), bits(golden["response"]))
     identity = driver.contract.identity
     assert [golden["objects"][i] for i in "012"] == [identity.vendor, identity.product, identity.revision]
     assert driver.serial == golden["objects"]["128"]

@@ -1,27 +1,31 @@
-"""The driver of sensor nodes of makers: whose SYNC it takes, what counts mean, and that no sample is lost unseen."""
+"""Sensor nodes of makers: whose SYNC they take, what counts mean, and that no sample is lost unseen."""
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.devices.device import DevicePlace
 from palpate.drivers.devices.sensor_node import Counts, MappedNode, missing_sync
+from palpate.extend import Bench, read_bench, read_scene
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.links import Block
 from palpate.instrument.bench.role_maps import NodeSettings
+from palpate.instrument.contracts.maps.eds import imported
 from palpate.instrument.errors import ConfigError, DeviceError, LinkError, RangeError, UnknownName
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.can_bus import hand_over
-from tests.drivers.objects import Objects
+from tests.drivers.fake_links import Objects
 from tests.memory import growth
+from tests.sheets import BASE, I16, TAKEN, U32, pdo, var
+from tests.sheets import node as at_node
 
 SYNC, SAMPLES = 0x80, 0x183
 VOLTS = 1e-4
@@ -70,8 +74,7 @@ def test_counts_are_volts_by_the_bench_file_and_the_end_of_their_range_is_satura
     assert (found.node, found.rate, found.time.tolist()) == (3, 250.0, [0.004, 0.008])
     assert found.voltage == pytest.approx(VOLTS * np.array([[100, 0], [-200, 1], [32767, -32767], [32766, -32768]]))
     assert found.saturated.tolist() == [[False, False], [False, False], [True, True], [False, True]]
-    assert driver.ranges == {"fixed": pytest.approx(3.2767)}
-    assert driver.resolution(4) == pytest.approx(VOLTS)
+    assert (driver.ranges, driver.resolution(4)) == ({"fixed": pytest.approx(3.2767)}, pytest.approx(VOLTS))
 
 
 @pytest.mark.parametrize(
@@ -173,23 +176,33 @@ def test_time_stamps_count_where_frames_travel_on_a_wire() -> None:
 # --- refused by name, before anything moves ------------------------------------------------------------
 
 
-def test_what_the_bench_file_must_say_is_asked_for_by_name() -> None:
-    driver, _ = node(volts_per_unit=None)
-    with pytest.raises(
-        ConfigError, match=r"volts_per_unit in its section .* reads counts; give what one of them stands"
-    ):
-        _ = driver.ranges
-    driver, _ = node("baumer-dsrt")
-    with pytest.raises(
-        ConfigError, match="cannot send SYNC, and a PC's own would come too early or too late; write sync"
-    ):
-        driver.set_sample_rate(100.0)
-    driver, _ = node("baumer-dsrt", volts_per_unit=None, sync_node=9)
-    with pytest.raises(ConfigError, match="the node reads µε; give what one of them stands for in V"):
-        _ = driver.ranges
+@pytest.mark.parametrize(
+    ("kind", "section", "ask", "says"),
+    [
+        (
+            "canopennode-io",
+            {"volts_per_unit": None},
+            lambda node: node.ranges,
+            "volts_per_unit in .* reads counts; give",
+        ),
+        (
+            "baumer-dsrt",
+            {},
+            lambda node: node.set_sample_rate(100.0),
+            "cannot send SYNC, and a PC's own .*; write sync",
+        ),
+        ("baumer-dsrt", {"volts_per_unit": None, "sync_node": 9}, lambda node: node.ranges, "the node reads µε; give"),
+    ],
+)
+def test_what_the_bench_file_must_say_is_asked_for_by_name(
+    kind: str, section: dict[str, Any], ask: Callable[[MappedNode], object], says: str
+) -> None:
+    driver, _ = node(kind, **section)
+    with pytest.raises(ConfigError, match=says):
+        ask(driver)
 
 
-def test_rates_and_ranges_that_it_has_not_are_refused_and_nothing_is_sent() -> None:
+def test_rates_ranges_and_durations_that_it_or_its_bus_has_not_are_refused_and_nothing_is_sent() -> None:
     driver, link = node()
     link.done.clear()
     for rate in (1000.1, 0.0, -1.0, float("nan"), float("inf")):
@@ -201,10 +214,6 @@ def test_rates_and_ranges_that_it_has_not_are_refused_and_nothing_is_sent() -> N
     with pytest.raises(DeviceError, match="no sample rate is set"):
         driver.acquire_with([], 1.0)
     assert link.done == []
-
-
-def test_more_frames_than_the_bus_can_carry_are_refused() -> None:
-    driver, link = node()
     driver.set_sample_rate(1000.0)
     link.done.clear()
     with pytest.raises(RangeError, match=r"1 nodes at 1000 samples/s fill 1\d\d % of a bus of 125000 bit/s"):
@@ -262,12 +271,6 @@ def test_sync_that_does_not_come_or_too_seldom_is_noticed(
         ):
             one.acquire_with([], 4.0)
     assert one.acquire_with([], 0.1)[0].voltage.shape == (1, 25)
-
-
-def test_a_bus_that_only_makers_nodes_are_on_can_be_served_elsewhere(bench: tuple[SimulatedBench, Any]) -> None:
-    """A served bench and the replay of a log move the links of a description."""
-    moved = bench[0].description.moved({"can": {"channel": "elsewhere"}})
-    assert moved.links["can"].channel == "elsewhere"  # type: ignore[union-attr]
 
 
 def test_a_tare_by_text_makes_the_reading_zero(
@@ -330,3 +333,83 @@ def test_a_twin_holds_only_what_it_has_and_what_a_frame_can_carry(bench: tuple[S
     assert clock.differences() == ["CANopenNode I/O 3 at " + clock.link.name + ": PDO samples is no longer set up"]
     clock.restore()
     assert clock.differences() == []
+
+
+# --- PDOs of a maker's data sheet ----------------------------------------------------------------------
+
+
+SYNC_OBJECTS = var("1005", U32, DefaultValue="0x80") + var("1006", U32) + var("2002", I16, "ro")
+ROLE = '\n[role.sensor_node]\nchannels = ["reading"]\nsends_sync = true\n'  # without a role a map has no twin
+READING = "0x20020010"
+NODE = 2  # in the scene, where the node of the films is the first one
+
+
+def made(folder: Path, text: str, unit: int | None) -> None:
+    """Write the map of a maker's sheet."""
+    sheet = folder / "widget.eds"
+    sheet.write_text(text + SYNC_OBJECTS)
+    text = imported(sheet, ("1005", "1006", "2002=reading"), node=unit) + ROLE
+    (folder / "widget.toml").write_text(text)
+
+
+@contextmanager
+def served(folder: Path, text: str, unit: int | None = NODE) -> Iterator[Any]:
+    """A device of a maker's sheet on a simulated bench, whose driver has connected."""
+    made(folder, text, unit)
+    scene = read_scene("ideal").with_devices({"widget": {"map": str(folder / "widget.toml")}})
+    with SimulatedBench(scene) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
+        yield bench.device("widget")
+
+
+def write(device: Any, index: int, subindex: int, value: int, size: int = 4) -> None:
+    device.link.download("test", device.link.add_node(device.id), index, subindex, value.to_bytes(size, "little"))
+
+
+def read(device: Any, index: int, subindex: int) -> int:
+    return int.from_bytes(device.link.upload("test", device.link.add_node(device.id), index, subindex), "little")
+
+
+def test_a_fixed_pdo_is_not_written_and_its_twin_refuses_what_the_node_refuses(tmp_path: Path) -> None:
+    fixed = pdo(1, "$NODEID+0x280", READING, access="const", at="1")
+    with served(tmp_path, BASE + fixed + pdo(0, "$NODEID+0x200", TAKEN, sends=False)) as widget:
+        assert read(widget, 0x1801, 1) & 0x7FF == 0x280 + NODE
+        assert [read(widget, 0x1A01, sub) for sub in (0, 1)] == [1, int(READING, 16)]
+        for index, subindex, size in ((0x1801, 1, 4), (0x1801, 2, 1), (0x1A01, 0, 1), (0x1A01, 1, 4)):
+            with pytest.raises(DeviceError, match="Attempt to write a read only object"):
+                write(widget, index, subindex, 1, size)
+        assert read(widget, 0x1600, 1) == int(TAKEN, 16)  # the other one was set up
+        assert widget.differences() == []
+
+
+def test_a_cob_id_of_one_node_alone_is_written_there_as_it_is(tmp_path: Path) -> None:
+    with served(tmp_path, BASE + pdo(0, "0x2A5", READING, at="1")) as widget:
+        assert read(widget, 0x1800, 1) & 0x7FF == 0x2A5
+        widget.start()
+        widget.stop()
+
+
+def test_a_simulated_bench_gives_a_device_the_node_id_at_which_it_is_known(tmp_path: Path) -> None:
+    with served(tmp_path, at_node("7") + BASE + pdo(0, "0x2A5", READING, at="1"), unit=None) as widget:
+        assert (widget.id, read(widget, 0x1800, 1) & 0x7FF) == (7, 0x2A5)
+
+
+def test_a_bench_with_that_device_at_another_node_id_is_refused_before_anything_is_sent(tmp_path: Path) -> None:
+    made(tmp_path, at_node("7") + BASE + pdo(0, "0x2A5", READING, at="1"), None)
+    bench = tmp_path / "bench.toml"
+    usual = 'volts_per_unit = 0.01\n[link.can]\nkind = "canopen"\ninterface = "virtual"\nchannel = "a"\n'
+    bench.write_text(f'name = "b"\n[device.widget]\nmap = "widget.toml"\nlink = "can"\nnode = 5\n{usual}')
+    with pytest.raises(ConfigError) as refused:
+        read_bench(bench)
+    assert (
+        "widget on can: PDO sends_1 has the COB-ID 0x2A5 at node id 7, and none that is known at node id 5; give the "
+        "device node id 7, or import the maker's file anew"
+    ) in str(refused.value)
+
+
+def test_a_twin_refuses_cob_ids_and_transmissions_that_no_pdo_may_have(tmp_path: Path) -> None:
+    with served(tmp_path, BASE + pdo(0, "$NODEID+0x180", READING, at="1")) as widget:
+        write(widget, 0x1800, 1, 0xC000_0182)
+        refused = [(1, 0x4000_0000 | cob_id, 4) for cob_id in (0x2000_0182, 0x0001_0182, 0x80, 0x0, 0x701)]
+        for subindex, value, size in (*refused, (2, 0xF1, 1), (2, 0xFB, 1)):
+            with pytest.raises(DeviceError, match="range"):
+                write(widget, 0x1800, subindex, value, size)

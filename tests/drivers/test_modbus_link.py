@@ -1,10 +1,12 @@
-"""A Modbus link by itself: what each failure of the client is told as, and what is done before the next request."""
+"""A Modbus link when the other end is silent, late or wrong: what is told, and what is done before the next request."""
 
 from __future__ import annotations
 
+import logging
 import re
 from collections.abc import Callable
-from pathlib import Path
+from concurrent.futures import ThreadPoolExecutor
+from contextlib import ExitStack
 from typing import Any
 
 import pytest
@@ -20,8 +22,13 @@ from palpate.drivers.links.modbus import (
     RtuClient,
     TcpClient,
 )
+from palpate.extend import Bench, ModbusDevice
 from palpate.instrument.bench.links import SerialLine, TcpLink
+from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import DeviceError, LinkError, LinkTimeout
+from palpate.procedures.testing.wire import impatient
+from palpate.simulators.bench import SimulatedBench
+from tests.shares import first_of
 
 Request = Callable[..., Any]
 REPLY = ReadHoldingRegistersResponse(registers=[1])
@@ -132,19 +139,6 @@ def test_each_failure_names_device_and_link_and_the_next_request_connects_afresh
     assert client.done == ["close", "connect"]
 
 
-def test_a_link_that_cannot_be_connected_again_is_told_by_the_device_that_was_asked() -> None:
-    client = Tcp(connects=lambda: False)
-    link = ModbusLink("rack", client)
-    link.distrust()
-    with pytest.raises(
-        LinkError, match=r"^oven: nothing answers at 192\.0\.2\.1:502 within 1\.5 s; check power and network cable"
-    ):
-        link.transact("oven", answers())
-    client.connects = lambda: True
-    assert link.transact("oven", answers()) is REPLY
-    assert client.done == ["close", "connect"] * 2
-
-
 @pytest.mark.parametrize(
     ("code", "words"),
     [
@@ -163,21 +157,6 @@ def test_an_exception_response_is_told_by_its_name_in_the_standard(code: int, wo
     assert client.done == []
 
 
-def test_a_name_that_no_host_can_have_is_told_with_the_bench_file() -> None:
-    def no_name() -> bool:
-        raise ValueError("label empty")
-
-    with pytest.raises(LinkError, match=r"^a\.\.b:502 is no address: label empty; correct it in the bench file$"):
-        ModbusLink("a..b:502", Tcp(no_name)).open()
-
-
-def test_why_a_link_does_not_open_is_looked_up_without_leaving_a_file_open() -> None:
-    before = len(list(Path("/proc/self/fd").iterdir()))
-    with pytest.raises(LinkError):
-        ModbusLink("rack", Tcp(lambda: False)).open()
-    assert len(list(Path("/proc/self/fd").iterdir())) == before
-
-
 # --- silence on a line ---------------------------------------------------------------------------------
 
 
@@ -188,8 +167,7 @@ def test_a_line_is_listened_to_until_it_is_silent_before_it_is_used_again() -> N
     assert client.done == ["connect"]
     link.distrust()
     link.transact("oven", answers())
-    assert client.done == ["connect", "close", "connect", "listen", "listen", "listen"]
-    assert client.pieces == []
+    assert (client.done, client.pieces) == (["connect", "close", "connect", "listen", "listen", "listen"], [])
 
 
 def test_a_line_may_say_as_much_as_a_frame_holds_and_no_more() -> None:
@@ -202,10 +180,16 @@ def test_a_line_may_say_as_much_as_a_frame_holds_and_no_more() -> None:
         link.open()
 
 
-def test_a_line_that_is_lost_while_it_is_listened_to_is_told() -> None:
-    link = ModbusLink("line", Line(ConnectionException("gone")))
+@pytest.mark.parametrize(
+    ("link", "says"),
+    [
+        (ModbusLink("line", Line(ConnectionException("gone"))), r"^line is lost; check the adapter's plug and cable$"),
+        (ModbusLink.tcp(TcpLink(host="a..b")), r"^a\.\.b:502 is no address: .*label empty.*; correct it in the bench "),
+    ],
+)
+def test_a_link_that_does_not_open_or_is_lost_while_it_is_listened_to_is_told(link: ModbusLink, says: str) -> None:
     link.distrust()
-    with pytest.raises(LinkError, match=r"^line is lost; check the adapter's plug and cable$"):
+    with pytest.raises(LinkError, match=says):
         link.open()
 
 
@@ -247,32 +231,6 @@ def test_more_bytes_than_a_reply_can_have_are_refused_whether_somebody_listens_o
         link.tap(lambda _sent, _data: None)
 
 
-@pytest.mark.parametrize("failure", [None, ModbusIOException("cut off")])
-def test_a_tap_is_told_of_a_request_before_it_goes_and_once_of_all_that_came_for_it(failure: Exception | None) -> None:
-    client, heard = Tcp(), list[tuple[bool, bytes]]()
-    link = ModbusLink("rack", client)
-    link.tap(lambda sent, data: heard.append((sent, data)))
-
-    def request(_client: object) -> Any:
-        trace = client.transaction.trace_packet
-        assert trace(True, b"ask") == b"ask"
-        assert heard[-1] == (True, b"ask")
-        for came in (b"an", b"answer"):
-            assert trace(False, came) == came
-        if failure:
-            raise failure
-        return REPLY
-
-    for count in (1, 2):
-        try:
-            link.transact("oven", request)
-        except LinkTimeout:
-            assert failure
-        assert heard == [(True, b"ask"), (False, b"answer")] * count
-    link.transact("oven", answers())  # for which nothing came
-    assert len(heard) == 4
-
-
 def test_a_device_gets_its_silence_and_its_patience_and_no_other_request_does() -> None:
     waited, patience = list[float](), list[float]()
 
@@ -294,3 +252,90 @@ def test_a_device_gets_its_silence_and_its_patience_and_no_other_request_does() 
     link.transact("oven", request, responds=0.1)  # the link waits longer anyway
     link.transact("oven", request)
     assert (waited, patience) == ([0.005], [2.0, 2.0, 0.5, 0.5, 0.5, 0.5])
+
+
+# --- on a simulated bench ------------------------------------------------------------------------------
+
+
+def receive(link: ModbusLink, monkeypatch: pytest.MonkeyPatch, change: Callable[[bytes], bytes]) -> None:
+    """Let `change` happen to each reply on its way to the driver."""
+    monkeypatch.setattr(
+        link.client.transaction, "trace_packet", lambda sending, data: data if sending else change(data)
+    )
+
+
+@pytest.mark.usefixtures("in_threads")
+def test_a_serial_port_that_somebody_else_has_open_is_a_link_error_that_says_so(
+    bench: Bench, sim: SimulatedBench
+) -> None:
+    port = sim.description.links["line"].port
+    with pytest.raises(LinkError, match=f"serial port {port} is held by another program; end that .fuser {port}"):
+        ModbusLink.rtu(sim.description.links["line"]).open()
+
+
+def test_a_request_that_a_signal_breaks_off_leaves_its_reply_to_nobody(
+    bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    positioner = bench.device("positioner")
+    client = positioner.link.client
+    connect = client.connect
+
+    def interrupted(_size: int | None) -> bytes:
+        raise KeyboardInterrupt
+
+    with impatient(positioner.link), ExitStack() as stall:
+
+        def reconnect() -> bool:
+            connected: bool = connect()
+            stall.close()
+            return connected
+
+        stall.enter_context(sim.clock.lock)
+        with monkeypatch.context() as patch:
+            patch.setattr(client, "recv", interrupted)
+            with pytest.raises(KeyboardInterrupt):
+                positioner.get("limit_high")
+        monkeypatch.setattr(client, "connect", reconnect)
+        positioner.link.open()
+    assert positioner.get("limit_low") == 0.0
+
+
+@pytest.mark.parametrize("cut", first_of([9, 10, 12]))
+def test_a_reply_that_says_it_is_complete_and_is_not_is_no_reading(
+    cut: int, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def truncate(data: bytes) -> bytes:
+        return data[:4] + (cut - 6).to_bytes(2) + data[6:cut]
+
+    with impatient(bench.device("signal_generator").link), monkeypatch.context() as broken:
+        receive(bench.device("signal_generator").link, broken, truncate)
+        for ask in (bench.device("signal_generator").connect, lambda: bench.device("signal_generator").get("probe")):
+            with pytest.raises((LinkError, DeviceError)):
+                ask()
+    assert bench.device("signal_generator").get("probe") == PROBE
+
+
+def test_a_failure_is_told_by_its_exception_only(
+    closed_port: int, monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Without a handler of its own a library's warnings go to stderr, beside the one message that belongs there."""
+    monkeypatch.setattr(logging.root, "handlers", [])
+    link = ModbusLink.tcp(TcpLink(host="127.0.0.1", port=closed_port))
+    with pytest.raises(LinkError):
+        link.open()
+    for name in ("canopen.sdo.client", "can.bus"):
+        logging.getLogger(name).error("told by an exception too")
+    assert capsys.readouterr().err == ""
+
+
+def test_threads_take_turns_on_a_link(bench: Bench) -> None:
+    """The line carries one request at a time, whoever asks whom."""
+    wanted: list[tuple[ModbusDevice, str]] = [
+        (bench.device("strain_indicator"), "gage_factor"),
+        (bench.device("strain_indicator"), "full_scale"),
+        (bench.device("positioner"), "limit_high"),
+        (bench.device("positioner"), "speed"),
+    ]
+    with ThreadPoolExecutor(len(wanted)) as pool:
+        answers = list(pool.map(lambda one: {one[0].get(one[1]) for _ in range(25)}, wanted))
+    assert answers == [{8.98}, {200.0}, {0.025}, {0.001}]

@@ -1,26 +1,30 @@
-"""Devices and gateways that say "later", "taken" or "only so", or hang up when nobody asks them anything."""
+"""Devices and gateways that say "later", "taken" or "only so", hang up when nobody asks, or stand before several."""
 
 from __future__ import annotations
 
+import os
+import select
+import socket
+import threading
+import tomllib
+import tty
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from typing import Any
 
 import pytest
 
-from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.links import modbus
 from palpate.drivers.links.modbus import ModbusLink
+from palpate.extend import BenchDescription, Contract, Field, ModbusDevice
 from palpate.instrument.bench.links import SerialLine, TcpLink
-from palpate.instrument.contracts.contract import Contract
+from palpate.instrument.config import check
 from palpate.instrument.contracts.declaration import Command, Condition, Manners
-from palpate.instrument.contracts.field import Field
 from palpate.instrument.errors import ConfigError, DeviceError, IdentityError, LinkError, LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from tests.benchmarks.faults import MOODS, in_process
 from tests.contracts import modbus_contract
-from tests.drivers.benches import drive, driving, open_bench
+from tests.drivers.benches import altered, drive, driving, open_bench
 from tests.moody import ACKNOWLEDGED, BUSY, HEADER, WRITES, Moody, Said, carried_out, framed, on_line, refusal
 
 pytestmark = pytest.mark.usefixtures("nothing_left_behind")
@@ -100,10 +104,8 @@ def test_a_busy_device_is_asked_again_for_a_reading_and_told_again_until_it_take
     with asked(busy(4, held)) as (driver, peer, clock):
         assert driver.get("load") == 12.5
         driver.set(setting=9)
-        assert held.registers[SETTING] == 9
-        assert len(peer.writes) == 5
-        assert clock.now_ns() == 2 * (10 + 20 + 40 + 80) * 1_000_000
-        assert driver.incidents == []
+        assert (held.registers[SETTING], len(peer.writes)) == (9, 5)
+        assert (clock.now_ns(), driver.incidents) == (2 * (10 + 20 + 40 + 80) * 1_000_000, [])
 
 
 @pytest.mark.parametrize("use", [lambda driver: driver.get("load"), lambda driver: driver.set(setting=9)])
@@ -112,8 +114,7 @@ def test_a_device_that_is_busy_for_too_long_is_told_with_the_limit_and_where_it_
         driver.read_attempts = 1
         with pytest.raises(DeviceError, match=r"exception 6, .*, for 0\.5 s.* raise busy in \[manners\]") as caught:
             use(driver)
-        assert caught.value.code == BUSY
-        assert clock.now_ns() == pytest.approx(1e9 * LIMIT)
+        assert (caught.value.code, clock.now_ns()) == (BUSY, pytest.approx(1e9 * LIMIT))
 
 
 def test_a_device_that_may_never_be_busy_is_asked_once() -> None:
@@ -192,19 +193,6 @@ def test_an_acknowledged_order_whose_end_nothing_tells_is_taken_and_noted() -> N
             "acknowledged order = 4 (-inf to inf): it is taken, its end is not known"
         ]
         assert len(peer.writes) == 1
-
-
-def test_a_read_that_is_acknowledged_is_asked_again() -> None:
-    answered = iter([ACKNOWLEDGED, ACKNOWLEDGED])
-    held = Held()
-
-    def answers(request: bytes) -> Said:
-        code = next(answered, 0)
-        return Said(refusal(request, code)) if code else held(request)
-
-    with asked(answers) as (driver, _, _clock):
-        assert driver.get("load") == 12.5
-        assert driver.incidents == []
 
 
 # --- gateways ------------------------------------------------------------------------------------------
@@ -307,36 +295,6 @@ def test_a_connection_that_ends_instead_of_an_answer_has_a_read_asked_again_and_
         assert len(peer.writes) == 1
 
 
-@pytest.mark.slow
-def test_a_gateway_behind_a_port_of_pyserial_that_hangs_up_is_called_anew() -> None:
-    held = dict(HELD)
-
-    def answers(request: bytes) -> Said:
-        return Said(on_line(request[0], carried_out(held, request[1:-2])), ends=True)
-
-    clock = VirtualClock()
-    with Moody(answers, rtu=True) as peer:
-        line = SerialLine.model_validate({"port": f"socket://127.0.0.1:{peer.port}", "timeout": "5 s"})
-        link = ModbusLink.rtu(line, clock)
-        link.open()
-        driver = _driver(link, clock, contract())
-        assert driver.get("load") == 12.5
-        driver.set(setting=9)
-        link.close()
-        assert (held[SETTING], len(peer.writes), driver.incidents) == (9, 1, [])
-
-
-def test_a_gateway_on_the_network_is_believed_however_soon_it_answers(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Its private bound is set so high that every reply of a wire would come too soon: no other door makes it sure."""
-    monkeypatch.setattr(modbus, "earliest_reply", lambda *_: 3600.0)
-    clock = VirtualClock()
-    with Moody(lambda request: Said(on_line(request[0], carried_out(dict(HELD), request[1:-2]))), rtu=True) as peer:
-        link = ModbusLink.rtu(SerialLine.model_validate({"port": f"socket://127.0.0.1:{peer.port}"}), clock)
-        link.open()
-        assert _driver(link, clock, contract()).get("load") == 12.5
-        link.close()
-
-
 def test_at_the_end_of_a_bench_its_outputs_go_off_though_a_device_is_away_for_a_moment(sim: SimulatedBench) -> None:
     with open_bench(sim) as bench:
         drive(bench)
@@ -386,3 +344,130 @@ def test_a_device_that_gives_whole_blocks_only_is_asked_for_them_after_one_refus
             driver.get("state")
         link.close()
         assert driver.incidents == [text for text in driver.incidents if "state" in text]
+
+
+# --- gateways ------------------------------------------------------------------------------------------
+
+
+HEAD = 6  # bytes of a Modbus TCP frame before the unit id
+
+
+@contextmanager
+def served(attend: Callable[[socket.socket], None]) -> Iterator[int]:
+    """A TCP port whose one client `attend` serves; a second one at the same time is turned away."""
+    turn = threading.Lock()
+    clients: list[threading.Thread] = []
+
+    def one(client: socket.socket) -> None:
+        with turn, client:
+            attend(client)
+
+    def listen() -> None:
+        while True:
+            try:
+                client, _ = listening.accept()
+            except OSError:  # the test is over
+                return
+            if turn.locked():
+                client.close()
+                continue
+            clients.append(threading.Thread(target=one, args=(client,)))
+            clients[-1].start()
+
+    with socket.create_server(("127.0.0.1", 0)) as listening:
+        thread = threading.Thread(target=listen)
+        thread.start()
+        yield listening.getsockname()[1]
+        listening.shutdown(socket.SHUT_RDWR)
+    for each in (thread, *clients):
+        each.join()
+
+
+def frames(end: socket.socket) -> Iterator[bytes]:
+    data = b""
+    while more := end.recv(4096):
+        data += more
+        while len(data) >= HEAD and len(data) >= (size := HEAD + int.from_bytes(data[4:HEAD], "big")):
+            yield data[:size]
+            data = data[size:]
+
+
+def behind(*ports: int) -> Callable[[socket.socket], None]:
+    """A gateway to devices at these ports, whose unit ids are 1, 2, ... behind it."""
+
+    def attend(client: socket.socket) -> None:
+        with ExitStack() as stack:
+            ends = [stack.enter_context(socket.create_connection(("127.0.0.1", port))) for port in ports]
+            answers = [frames(end) for end in ends]
+            for frame in frames(client):
+                unit = frame[HEAD]
+                ends[unit - 1].sendall(frame[:HEAD] + b"\x01" + frame[HEAD + 1 :])
+                answer = next(answers[unit - 1])
+                client.sendall(answer[:HEAD] + bytes([unit]) + answer[HEAD + 1 :])
+
+    return attend
+
+
+def through(path: str) -> Callable[[socket.socket], None]:
+    """A device server that passes the bytes of a serial line through."""
+
+    def attend(client: socket.socket) -> None:
+        line = os.open(path, os.O_RDWR | os.O_NOCTTY)
+        tty.setraw(line)
+        try:
+            while True:
+                ready, _, _ = select.select([client, line], [], [])
+                if line in ready:
+                    client.sendall(os.read(line, 4096))
+                if client in ready:
+                    if not (data := client.recv(4096)):
+                        return
+                    os.write(line, data)
+        finally:
+            os.close(line)
+
+    return attend
+
+
+def test_devices_behind_a_gateway_that_takes_one_client_are_driven(sim: SimulatedBench) -> None:
+    ports = [sim.description.links[name].port for name in ("signal_generator", "shaker_amplifier")]
+    with served(behind(*ports)) as port:
+        tables = tomllib.loads(sim.description.to_toml())
+        del tables["link"]["shaker_amplifier"]
+        tables["link"]["signal_generator"]["port"] = port
+        tables["device"]["shaker_amplifier"] |= {"link": "signal_generator", "unit": 2}
+        with open_bench(sim, check(tables, BenchDescription, "bench.toml")) as bench:
+            bench.drive()
+            bench.device("signal_generator").sine(10.0, 1.0)
+            assert (sim.generator.settings["amplitude"], sim.amplifier.settings["enable"]) == (1.0, 1.0)
+    assert not sim.amplifier.settings["enable"]
+
+
+def test_two_links_to_one_address_are_refused_before_anything_is_opened(sim: SimulatedBench) -> None:
+    port = sim.description.links["signal_generator"].port
+    twice = altered(sim.description, link={"shaker_amplifier": {"host": "localhost", "port": port}})
+    asked = sim.servers.transactions
+    with pytest.raises(ConfigError, match=rf"signal_generator both lead to TCP port {port} of 127\.0\.0\.1; write one"):
+        open_bench(sim, twice).__enter__()
+    line = altered(sim.description, link={"line": {"port": f"socket://127.0.0.1:{port}"}})
+    with pytest.raises(ConfigError, match=f"line and link.signal_generator both lead to TCP port {port} of"):
+        open_bench(sim, line).__enter__()
+    assert sim.servers.transactions == asked
+
+
+@pytest.mark.parametrize("unit", [0, 255])
+def test_a_device_answers_at_the_unit_that_means_the_address_itself(sim: SimulatedBench, unit: int) -> None:
+    itself = altered(sim.description, device={"signal_generator": {"unit": unit}, "shaker_amplifier": {"unit": unit}})
+    with open_bench(sim, itself) as bench:
+        bench.drive()
+        bench.device("signal_generator").sine(10.0, 1.0)
+        assert (sim.generator.settings["amplitude"], sim.amplifier.settings["enable"]) == (1.0, 1.0)
+
+
+def test_a_line_whose_bytes_come_over_tcp_is_a_line(sim: SimulatedBench) -> None:
+    with served(through(sim.line)) as port:
+        over_tcp = altered(sim.description, link={"line": {"port": f"socket://127.0.0.1:{port}"}})
+        with open_bench(sim, over_tcp) as bench:
+            bench.device("positioner").move(1e-3)
+            assert bench.device("positioner").position() == pytest.approx(1e-3)
+            assert bench.device("strain_indicator").serial

@@ -1,4 +1,4 @@
-"""A package that palpate knows nothing of adds a device: from its kind to bench file, bus log, faults and registers."""
+"""Packages that palpate knows nothing of add an oven and an exciter: from kind to bench file, bus log and faults."""
 
 from __future__ import annotations
 
@@ -11,21 +11,29 @@ from unittest.mock import Mock
 
 import pytest
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.logs.bus_log import BusLog
-from palpate.drivers.roles import Chamber, Positioner
+from palpate.extend import (
+    Bench,
+    BenchDescription,
+    Chamber,
+    Exciter,
+    ModbusDevice,
+    Positioner,
+    Scene,
+    read_bench,
+    read_scene,
+)
 from palpate.instrument.additions import load
-from palpate.instrument.bench.description import BenchDescription, read_bench
 from palpate.instrument.config import check
-from palpate.instrument.contracts import contracts_digest
-from palpate.instrument.contracts.export import registers
-from palpate.instrument.errors import BenchError, ConfigError, SettingsLost, UnknownName
+from palpate.instrument.errors import BenchError, ConfigError, LinkError, SettingsLost, UnknownName
 from palpate.procedures.logs import read_log
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import with_faults
-from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.device import SimulatedPlace
-from tests.drivers.outside import EXAMPLES, installed
+from palpate.simulators.faults.fault import parse_faults, places
+from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
+from tests.drivers.outside import installed
+from tests.drivers.test_bench_ends import Failure
+
+pytestmark = pytest.mark.usefixtures("foreground")
 
 
 @pytest.fixture
@@ -39,10 +47,6 @@ def with_oven(oven: None, scene: Scene) -> Scene:
     return scene.with_devices({"oven": {"kind": "acme-oven"}})
 
 
-def test_the_oven_takes_at_most_sixty_lines() -> None:
-    assert len((EXAMPLES / "oven" / "acme_oven.py").read_text(encoding="utf-8").splitlines()) <= 60
-
-
 def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_registers(
     with_oven: Scene, nothing_left_behind: None, tmp_path: Path
 ) -> None:
@@ -53,8 +57,7 @@ def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_
         with BusLog(bench, sim.clock, log, datetime(2026, 11, 22, tzinfo=UTC)), bench:
             bench.operator.set_temperature(12.5)
             assert bench.role(Chamber) is bench.device("oven")
-            assert bench.device("oven").temperature() == 32.5
-            assert bench.devices[-1].serial == "SIM-OV-0001"
+            assert (bench.device("oven").temperature(), bench.devices[-1].serial) == (32.5, "SIM-OV-0001")
             sim.devices["oven"].turn({"setpoint": 20.0})
             with pytest.raises(SettingsLost, match=r"oven at .*: setpoint is 20, was set to 32\.5"):
                 bench.check_settings()
@@ -62,26 +65,6 @@ def test_a_bench_file_finds_it_the_operator_warms_with_it_and_the_log_names_its_
     said = [(line.who, line.text) for line in read_log(log) if line.who.startswith("oven")]
     assert ("oven (acme-oven)", "<- write setpoint = 32.5 degC, heater = on") in said
     assert ("oven (acme-oven)", "-> temperature = 32.5 degC") in said
-
-
-def test_its_faults_strike_it_and_what_it_cannot_have_is_refused(with_oven: Scene) -> None:
-    stuck = with_faults(with_oven, [{"kind": "stuck_reading", "on": "oven", "at": "1 s"}])
-    with SimulatedBench(stuck) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
-        sim.clock.wait(2.0)
-        bench.device("oven").warm(5.0)
-        assert bench.device("oven").temperature() == 20.0
-    for kind in ("over_current", "bit_error", "node_reboot", "bridge_open"):
-        with pytest.raises(ConfigError, match=f"unknown place of a {kind} 'oven'"):
-            with_faults(with_oven, [{"kind": kind, "on": "oven", "at": "1 s"}])
-
-
-def test_a_record_knows_its_contract_and_people_its_registers(with_oven: Scene) -> None:
-    with SimulatedBench(with_oven) as sim:
-        contracts = sim.description.contracts
-    assert [contract.name for contract in contracts] == ["acme-oven"]
-    assert contracts_digest(contracts) != contracts_digest()
-    assert "| 0x0010 | setpoint | int16 | degC |" in registers(contracts)
-    assert "Acme OV-60, an oven around the sensor" in registers(contracts)
 
 
 def test_a_device_that_is_optional_may_be_absent_and_another_may_not(with_oven: Scene, closed_port: int) -> None:
@@ -158,3 +141,174 @@ def test_two_that_could_fill_a_role_need_a_word_of_who_does(oven: None, scene: S
     with SimulatedBench(scene.with_devices(two)) as sim, Bench(sim.description, sim.clock, sim.operator) as bench:
         assert bench.role(Chamber) is bench.device("two")
         assert [bench.device(name).serial for name in two] == ["SIM-OV-0001", "SIM-OV-0002"]
+
+
+# --- an exciter without a watchdog ---------------------------------------------------------------------
+
+
+ON, OFF = (1.0, 1.0), (0.0, 0.0)
+
+
+@pytest.fixture(scope="module")
+def sim() -> Iterator[SimulatedBench]:
+    with installed("exciter"), SimulatedBench(exciting()) as simulated:
+        yield simulated
+
+
+def exciting() -> Scene:
+    return read_scene("thesis_single").with_devices({"shaker": {"kind": "acme-exciter"}})
+
+
+def opened(sim: SimulatedBench) -> Bench:
+    """A bench of the exciter alone, which is opened soon."""
+    told = tomllib.loads(sim.description.to_toml())
+    alone = {key: told[key] for key in ("name", "watchdog", "link", "device")}
+    return Bench(check(alone, BenchDescription, "here"), sim.clock, sim.operator)
+
+
+def drive(bench: Bench) -> None:
+    bench.drive()
+    bench.role(Exciter).sine(10.0, 1.0)
+
+
+def output(sim: SimulatedBench) -> tuple[float, float]:
+    """Output stage and amplitude."""
+    settings = sim.devices["shaker"].settings
+    return settings["output"], settings["amplitude"]
+
+
+def written(sim: SimulatedBench, folder: Path, changes: dict[str, Any]) -> Path:
+    """The bench file with other values at its top; None: a key is left out."""
+    tables: dict[str, Any] = {**tomllib.loads(sim.description.to_toml()), **changes}
+    file = folder / "bench.toml"
+    import tomli_w
+
+    file.write_text(tomli_w.dumps({key: value for key, value in tables.items() if value is not None}), encoding="utf-8")
+    return file
+
+
+# --- what the bench file says --------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("watchdog", [None, "2 s"])
+def test_it_does_not_drive_unless_the_file_says_that_it_has_no_watchdog(
+    watchdog: str | None, sim: SimulatedBench, tmp_path: Path
+) -> None:
+    asked = sim.servers.transactions
+    refused = r'bench\.toml: watchdog: shaker has none, so that nothing .* write watchdog = "none" at the top'
+    with pytest.raises(ConfigError, match=refused):
+        read_bench(written(sim, tmp_path, {"watchdog": watchdog}))
+    assert sim.servers.transactions == asked
+    assert read_bench(written(sim, tmp_path, {"watchdog": "none"})).to_toml() == sim.description.to_toml()
+
+
+def test_a_bench_whose_amplifier_has_a_watchdog_cannot_be_without(scene: Scene, tmp_path: Path) -> None:
+    with SimulatedBench(scene) as usual:
+        with pytest.raises(ConfigError, match='watchdog: shaker_amplifier has one; write its time, such as "2 s"'):
+            read_bench(written(usual, tmp_path, {"watchdog": "none"}))
+        with pytest.raises(ConfigError, match=r"watchdog.*inf"):
+            read_bench(written(usual, tmp_path, {"watchdog": "inf s"}))
+
+
+def test_a_bench_has_one_exciter_which_is_not_optional(sim: SimulatedBench, tmp_path: Path) -> None:
+    usual = tomllib.loads(sim.description.to_toml())
+    link = {**usual["link"], "rack": {"kind": "modbus-tcp", "host": "10.0.0.1"}}
+    pair = {
+        name: {"kind": name, "link": "rack", "unit": unit}
+        for unit, name in enumerate(("signal_generator", "shaker_amplifier"), 1)
+    }
+    both = {"link": link, "device": {**usual["device"], **pair}}
+    with pytest.raises(ConfigError, match="shaker drives, and signal_generator with shaker_amplifier as well; a bench"):
+        read_bench(written(sim, tmp_path, both))
+    with pytest.raises(ConfigError, match=r"device\.shaker: optional: what drives cannot be left out"):
+        read_bench(
+            written(
+                sim,
+                tmp_path,
+                {"device": {**usual["device"], "shaker": {**usual["device"]["shaker"], "optional": True}}},
+            )
+        )
+
+
+def test_a_driver_that_is_no_exciter_or_whose_guard_is_not_that_of_its_contract_is_refused(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    import acme_exciter  # type: ignore[import-not-found]
+
+    with monkeypatch.context() as patch:
+        patch.setattr(acme_exciter.AcmeExciter, "guard", object())
+        with pytest.raises(ConfigError, match="driver and contract do not agree whether it has a watchdog"):
+            opened(sim)
+
+    class Plain(ModbusDevice):
+        contract = acme_exciter.CONTRACT
+
+    monkeypatch.setattr(acme_exciter, "AcmeExciter", Plain)
+    with pytest.raises(ConfigError, match=r"exciter at .*: its driver is no palpate\.drivers\.roles\.Exciter"):
+        opened(sim)
+
+
+def test_what_it_replaces_cannot_fail(sim: SimulatedBench) -> None:
+    on = [{"kind": "no_reply", "on": "signal_generator", "at": "1 s"}]
+    with pytest.raises(ConfigError, match="unknown place of a no_reply 'signal_generator'"):
+        parse_faults(on, places(sim.scene.nodes, sim.scene.devices), "here")
+
+
+# --- on every way out ----------------------------------------------------------------------------------
+
+
+def test_it_drives_and_is_looked_at_while_somebody_waits_and_is_off_in_the_end(sim: SimulatedBench) -> None:
+    with opened(sim) as bench:
+        drive(bench)
+        assert output(sim) == ON
+        asked = sim.servers.transactions
+        bench.clock.wait(10.0)
+        assert sim.servers.transactions == asked + 10
+        assert bench.role(Exciter).effort() == pytest.approx(2.0 / sim.rig.scene.rig.coil_resistance, abs=1e-3)
+    assert output(sim) == OFF
+    assert not sim.rig.coil_voltage().amplitude.any()
+
+
+def test_one_that_a_killed_program_left_driving_stops_before_any_other_link_is_opened(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def cannot() -> None:
+        seen.append(output(sim))
+        raise LinkError("no such line")
+
+    seen: list[tuple[float, float]] = []
+    with sim.clock.lock:
+        sim.devices["shaker"].write({"amplitude": 1.0, "output": 1.0})
+    bench = Bench(sim.description, sim.clock, sim.operator)
+    monkeypatch.setattr(bench.links["line"], "open", cannot)
+    with pytest.raises(LinkError, match="no such line"):
+        bench.__enter__()
+    assert seen == [OFF]
+
+
+@pytest.mark.parametrize("error", [Failure, KeyboardInterrupt])
+def test_it_is_off_after_whatever_is_raised(error: type[BaseException], sim: SimulatedBench) -> None:
+    with pytest.raises(error), opened(sim) as bench:
+        drive(bench)
+        raise error
+    assert output(sim) == OFF
+
+
+def test_where_it_cannot_be_switched_off_a_person_is_told_to(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def refuse(_: object) -> None:
+        raise Refused(DEVICE_FAILURE)
+
+    told = r"outputs could not all be switched off: exciter at .*It has no watchdog: switch it off by hand, now"
+    with pytest.raises(BenchError, match=told), opened(sim) as bench:
+        drive(bench)
+        monkeypatch.setattr(sim.devices["shaker"], "write", refuse)
+
+
+def test_what_goes_on_when_the_program_dies_is_told_before_it_drives(sim: SimulatedBench) -> None:
+    with opened(sim) as bench:
+        assert bench.cautions == [
+            f"{bench.device('shaker').name}: has no watchdog, so that nothing switches it off when this program is"
+            " killed or a cable is cut; stay beside it"
+        ]

@@ -10,18 +10,14 @@ from typing import Any
 import can
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.description import BenchDescription
+from palpate.extend import Bench, BenchDescription, Contract, Pdo, read_scene
 from palpate.instrument.config import check
-from palpate.instrument.contracts.contract import Contract
-from palpate.instrument.contracts.declaration import Pdo
 from palpate.instrument.contracts.export import node_eds, registers
 from palpate.instrument.contracts.own import SENSOR_NODE
 from palpate.instrument.contracts.own import SIGNAL_GENERATOR as GENERATOR
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError, UnknownName, UsageError
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from tests.drivers.outside import installed
 
 EMERGENCY, COMMAND = 0x80, 0x200
@@ -115,8 +111,7 @@ def test_the_node_takes_no_process_data_that_is_short_or_not_allowed_and_none_be
     drive.start()
     for data, code in ((good[:3], 0x8210), (good[:2] + (10_001).to_bytes(2, "little"), 0x8200)):
         drive.link.send(COMMAND + drive.id, data)
-        assert drive.notices() == [f"{drive.name}: emergency 0x{code:04X}"]
-        assert node.settings == before
+        assert (drive.notices(), node.settings) == ([f"{drive.name}: emergency 0x{code:04X}"], before)
 
 
 def test_a_restart_is_noticed_and_made_good(drive: Any, bench: Bench, sim: SimulatedBench) -> None:
@@ -142,29 +137,27 @@ def test_frames_of_another_length_are_not_used(drive: Any, sim: SimulatedBench) 
 
 # --- in the contract and the bench file ----------------------------------------------------------------
 
-WRONG = {
-    "a text": ("hardware_version", "PDO bad cannot hold hardware_version: it must be a number field .* can be read"),
-    "an order": ("reset_1", "PDO bad cannot hold reset_1: .* that can be read"),
-    "nothing": ("nothing", "PDO bad cannot hold nothing"),
-}
 
-
-@pytest.mark.parametrize("field", WRONG)
-def test_a_pdo_that_cannot_be_is_refused(field: str) -> None:
-    name, message = WRONG[field]
-    with pytest.raises(ConfigError, match=f"^sensor node: {message}"):
-        replace(SENSOR_NODE, pdos=(Pdo("bad", 0x180, (name,)),))
-
-
-def test_a_pdo_holds_up_to_eight_bytes_of_what_can_be_written_where_a_node_takes_it() -> None:
-    with pytest.raises(ConfigError, match="PDO bad has 12 bytes; give 1 to 8"):
-        replace(SENSOR_NODE, pdos=(Pdo("bad", 0x180, ("vendor", "product", "serial")),))
-    with pytest.raises(ConfigError, match=r"PDO bad cannot hold vendor: .* that can be written"):
-        replace(SENSOR_NODE, receives=(Pdo("bad", 0x200, ("vendor",)),))
-    with pytest.raises(ConfigError, match="several PDOs have the name stamp"):
-        replace(SENSOR_NODE, receives=(Pdo("stamp", 0x200, ("heartbeat",)),))
-    with pytest.raises(ConfigError, match="signal generator: has PDOs, which are for CANopen only"):
-        replace(GENERATOR, pdos=(Pdo("bad", 0x180, ("frequency",)),))
+@pytest.mark.parametrize(
+    ("contract", "way", "pdo", "message"),
+    [
+        (
+            SENSOR_NODE,
+            "pdos",
+            Pdo("bad", 0x180, ("hardware_version",)),
+            "hardware_version: it must be a number field .*",
+        ),
+        (SENSOR_NODE, "pdos", Pdo("bad", 0x180, ("reset_1",)), r"cannot hold reset_1: .* that can be read"),
+        (SENSOR_NODE, "pdos", Pdo("bad", 0x180, ("nothing",)), "PDO bad cannot hold nothing"),
+        (SENSOR_NODE, "pdos", Pdo("bad", 0x180, ("vendor", "product", "serial")), "PDO bad has 12 bytes; give 1 to 8"),
+        (SENSOR_NODE, "receives", Pdo("bad", 0x200, ("vendor",)), r"PDO bad cannot hold vendor: .* can be written"),
+        (SENSOR_NODE, "receives", Pdo("stamp", 0x200, ("heartbeat",)), "several PDOs have the name stamp"),
+        (GENERATOR, "pdos", Pdo("bad", 0x180, ("frequency",)), "has PDOs, which are for CANopen only"),
+    ],
+)
+def test_a_pdo_that_cannot_be_is_refused(contract: Contract, way: str, pdo: Pdo, message: str) -> None:
+    with pytest.raises(ConfigError, match=f"^{contract.title}: .*{message}"):
+        replace(contract, **{way: (pdo,)})  # type: ignore[arg-type]
 
 
 def test_the_digest_of_a_contract_counts_what_it_receives_and_its_data_sheet_and_table_say_it(

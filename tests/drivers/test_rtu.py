@@ -11,13 +11,14 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from pymodbus.exceptions import ConnectionException
 from pymodbus.pdu import DecodePDU
 
 from palpate.drivers.clock import WallClock
 from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.devices.positioner import MicroPositioner
 from palpate.drivers.links.modbus import ModbusLink, ReplyFramer, RtuClient, read_registers
-from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, reply_begins
+from palpate.instrument.bench.links import FASTEST, SILENCE, SerialLine, earliest_reply, reply_begins
 from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench
@@ -104,17 +105,6 @@ def test_what_an_adapter_adds_to_a_reply_is_passed_over(added: str) -> None:
             driver.set(target=2e-3, speed=1e-3, command="move")
 
 
-NOTHING: dict[str, Callable[[bytes], bytes]] = {
-    "an echo alone": lambda request: request,
-    "a part of an echo": lambda request: request[:-1],
-    "another unit": lambda request: checked(bytes([UNIT + 1]) + answered(request)[1:-2]),
-    "another length": lambda _: registers(LIMITS, 5),
-    "another function": lambda request: checked(bytes([UNIT, 4]) + answered(request)[2:-2]),
-    "a check sum that does not fit": lambda request: answered(request)[:-1] + b"\x00",
-    "two replies that differ": lambda _: registers(LIMITS, 4, 9) + registers(LIMITS, 4, 8),
-}
-
-
 # --- replies that are late -----------------------------------------------------------------------------
 
 
@@ -144,7 +134,9 @@ def test_a_device_that_keeps_no_silence_is_understood_byte_by_byte_or_all_at_onc
     assert client.too_soon == 0
 
 
-@pytest.mark.parametrize(("port", "speed"), [("/dev/ttyS0", 9600), ("/dev/ttyUSB1", 9600), ("/dev/ttyACM0", FASTEST)])
+@pytest.mark.parametrize(
+    ("port", "speed"), [("/dev/ttyUSB1", 9600), ("/dev/ttyACM0", FASTEST), ("socket://10.0.0.1:502", FASTEST)]
+)
 def test_only_a_uart_is_held_to_its_baud_rate(port: str, speed: int) -> None:
     assert RtuClient(port, baudrate=9600).speed == speed
 
@@ -223,10 +215,162 @@ def test_a_request_to_another_device_begins_when_the_line_was_silent_long_enough
     assert begun[1] - ended[0] == pytest.approx(least)
 
 
-def test_a_pseudo_terminal_has_no_wire_to_keep_silent() -> None:
-    own, theirs = os.openpty()
-    try:
-        assert RtuClient(os.ttyname(theirs), baudrate=1200).silence == 0.0
-    finally:
-        os.close(theirs)
-        os.close(own)
+# --- the client's end ----------------------------------------------------------------------------------
+
+
+READ = checked(bytes.fromhex("02 03 0014 0002"))
+WRITE = checked(bytes.fromhex("02 10 0014 0001 02 0007"))
+IDENTITY = checked(bytes.fromhex("02 2b 0e 01 00"))
+REPLY = checked(bytes.fromhex("02 03 04 12345678"))
+CONFIRMED = checked(bytes.fromhex("02 10 0014 0001"))
+REFUSED = checked(bytes.fromhex("02 83 02"))
+SAID = checked(bytes.fromhex("02 2b 0e 01 01 00 00 01 00 02 4142"))
+LONGEST_READ = checked(bytes.fromhex("02 03 0000 007d"))  # 125 registers
+LONGEST_REPLY = checked(b"\x02\x03\xfa" + bytes(range(250)))
+NONE = (0, 0, 0, b"")
+
+
+# --- which bytes are the reply -------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("request_", "data", "ends"),
+    [
+        (READ, REPLY, 9),
+        (READ, REFUSED, 5),
+        (WRITE, CONFIRMED, 8),
+        (IDENTITY, SAID, 14),
+        (READ, READ + REPLY, 17),  # behind its echo
+        (READ, b"\0" + REPLY + b"\xff", 10),
+        (READ, REPLY + REPLY, 9),  # repeated
+        (READ, b"\xff" + READ + b"\x02\x03" + REPLY, 20),
+        (READ, REPLY[:4] + REPLY, 13),
+        (LONGEST_READ, LONGEST_REPLY, 255),
+    ],
+)
+def test_a_reply_is_found_among_other_bytes_with_the_place_where_it_ends(
+    request_: bytes, data: bytes, ends: int
+) -> None:
+    framer = ReplyFramer(DecodePDU(False))
+    framer.request = request_
+    for behind in (b"", b"\0"):
+        used, unit, transaction, pdu = framer.decode(data + behind)
+        assert (used, unit, transaction) == (ends, 2, 0)
+        assert checked(bytes([unit]) + pdu) in data
+
+
+@pytest.mark.parametrize(
+    ("request_", "data"),
+    [
+        (b"", REPLY),  # nothing was asked
+        (READ, b""),
+        (READ, REPLY[:-1]),
+        (READ, REPLY[:-1] + bytes([REPLY[-1] ^ 1])),
+        (READ, checked(b"\x03" + REPLY[1:-2])),  # of another unit
+        (READ, checked(bytes.fromhex("02 04 04 12345678"))),  # of another function
+        (READ, checked(bytes.fromhex("02 84 02"))),  # another one was refused
+        (READ, checked(bytes.fromhex("02 03 02 1234"))),  # of another length
+        (READ, REPLY + checked(bytes.fromhex("02 03 04 12345679"))),  # two that differ
+        (READ, REPLY + REFUSED),
+        (WRITE, checked(bytes.fromhex("02 10 0015 0001"))),  # of another register
+        (WRITE, checked(bytes.fromhex("02 10 0014 0002"))),  # of another number of registers
+        (WRITE, WRITE),  # its echo
+        (IDENTITY, SAID[:-3]),
+        (IDENTITY, REPLY),
+        (checked(bytes.fromhex("02 63 00 00 00 00")), checked(bytes.fromhex("02 63 00 00 00"))),  # of no known function
+    ],
+)
+def test_what_does_not_answer_the_request_is_no_reply(request_: bytes, data: bytes) -> None:
+    framer = ReplyFramer(DecodePDU(False))
+    if request_:
+        framer.request = request_
+    assert framer.decode(data) == NONE
+
+
+COILS, COILS_REPLY = checked(bytes.fromhex("02 01 0000 0009")), checked(bytes.fromhex("02 01 02 ff01"))
+DISCRETE, DISCRETE_REPLY = checked(bytes.fromhex("02 02 0005 0001")), checked(bytes.fromhex("02 02 01 01"))
+INPUTS, INPUTS_REPLY = checked(bytes.fromhex("02 04 0000 0001")), checked(bytes.fromhex("02 04 02 1234"))
+SOME, SOME_CONFIRMED = checked(bytes.fromhex("02 0f 0000 0002 01 03")), checked(bytes.fromhex("02 0f 0000 0002"))
+COIL, REGISTER = checked(bytes.fromhex("00 05 0195 ff00")), checked(bytes.fromhex("02 06 0014 0007"))
+
+
+@pytest.mark.parametrize(
+    ("request_", "reply"),
+    [(COILS, COILS_REPLY), (DISCRETE, DISCRETE_REPLY), (INPUTS, INPUTS_REPLY), (SOME, SOME_CONFIRMED)],
+)
+def test_each_function_has_its_reply_also_behind_an_echo(request_: bytes, reply: bytes) -> None:
+    framer = ReplyFramer(DecodePDU(False))
+    framer.request = request_
+    for before in (b"", b"\xff", request_):
+        assert (framer.decode(before + reply)[3], framer.decode(before + reply[:-1])) == (reply[1:-2], NONE)
+    assert framer.decode(checked(reply[:2] + b"\x04" + bytes(4))) == NONE  # another number
+
+
+@pytest.mark.parametrize("request_", [COIL, REGISTER])
+def test_a_single_write_is_confirmed_by_its_own_bytes_unless_the_line_gives_them_back(request_: bytes) -> None:
+    framer = ReplyFramer(DecodePDU(False))
+    framer.request = request_
+    assert framer.decode(request_)[3] == request_[1:-2]
+    assert framer.decode(checked(request_[:4] + b"\x12\x34")) == NONE  # another value
+    framer.request = READ
+    framer.decode(READ + REPLY)
+    framer.request = request_
+    assert framer.decode(request_) == NONE  # it is the echo
+    assert framer.decode(request_ + request_)[:2] == (16, request_[0])
+    refused = checked(bytes([request_[0], request_[1] | 0x80, 4]))
+    assert framer.decode(request_ + refused)[3] == refused[1:-2]
+    framer.early = request_[:5]  # a part of the echo came too soon
+    assert (framer.decode(request_[5:]), framer.decode(request_[5:] + request_)[3]) == (NONE, request_[1:-2])
+    framer.early, framer.request = b"", READ
+    framer.decode(REPLY)  # the echo is off
+    framer.request = request_
+    assert framer.decode(request_)[3] == request_[1:-2]
+
+
+# --- sending and hearing -------------------------------------------------------------------------------
+
+
+def hearing(*coming: tuple[float, bytes], **settings: Any) -> VirtualLine:
+    """A line to which bytes come at given times [s], whatever is asked."""
+    client = VirtualLine(lambda _request: [], 9600, 0.5, **settings)
+    for at, data in coming:
+        client.comes(at, data)
+    return client
+
+
+def test_what_came_unasked_is_thrown_away_and_the_request_is_sent() -> None:
+    client = hearing((-1.0, b"old"), (-0.5, b"older"))
+    assert client.send(READ) == len(READ)
+    assert (client.recv(None), client.replies.request, client.too_soon) == (b"", READ, 0)
+
+
+@pytest.mark.parametrize(
+    ("settings", "bits"),
+    [
+        ({}, 10),
+        ({"parity": "E"}, 11),
+        ({"stopbits": 2}, 11),
+        ({"parity": "O", "stopbits": 2}, 12),
+    ],
+)
+def test_a_reply_is_heard_from_the_first_moment_on_at_which_the_wire_can_bring_it(
+    settings: dict[str, Any], bits: int
+) -> None:
+    first = earliest_reply(len(READ), 9600, bits)
+    assert first > 0
+    client = hearing((0.9 * first, b"soon"), (0.99 * first, b"er"), (1.01 * first, REPLY), **settings)
+    client.send(READ)
+    assert (client.recv(None), client.too_soon) == (REPLY, 6)
+    client.send(READ)
+    assert client.too_soon == 0
+
+
+@pytest.mark.parametrize("use", ["send", "recv"])
+def test_a_line_that_is_gone_is_closed_and_told_as_a_lost_connection(use: str) -> None:
+    closed: list[str] = []
+    client = hearing((-1.0, b""))  # it can be read, and gives nothing
+    client.close = lambda: closed.append("closed")  # type: ignore[method-assign]
+    client.connect = lambda: False  # type: ignore[method-assign]
+    with pytest.raises(ConnectionException):
+        client.send(READ) if use == "send" else client.recv(None)
+    assert closed == ["closed"]

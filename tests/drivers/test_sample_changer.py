@@ -3,19 +3,21 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Iterator
+from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.devices.modbus_device import ModbusDevice
-from palpate.drivers.devices.sample_changer import ChangerState, ModbusSampleChanger
+from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.sample_changer import POLL, ChangerState, ModbusSampleChanger
+from palpate.extend import Bench, ModbusDevice, Scene, SimulatedDevice
+from palpate.instrument.contracts.own import SAMPLE_CHANGER
 from palpate.instrument.errors import DeviceError, SampleError, UnknownName
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene
-from palpate.simulators.wire.device import SimulatedDevice
+from palpate.simulators.clock import VirtualClock
 from palpate.testing import ModbusConformance
+from tests.drivers.fake_links import Registers
 
 EXCHANGE = 5.0  # s, as the simulated one comes
 
@@ -158,9 +160,53 @@ def test_what_a_person_is_asked_to_lay_there_is_no_stranger(bench: Bench, sim: S
         bench.check_settings()
 
 
-def test_a_tag_that_is_no_text_is_told_and_not_used(
-    changer: ModbusSampleChanger, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(type(changer.contract), "encode_text", lambda *_: b"A\x07".ljust(64, b"\0"))
-    with pytest.raises(DeviceError, match="mounted holds no text"):
-        changer.mounted()
+# --- the driver by itself ------------------------------------------------------------------------------
+
+
+MOVING = 1
+
+
+def alone(**held: Any) -> tuple[ModbusSampleChanger, Any, VirtualClock]:
+    link: Any = Registers(SAMPLE_CHANGER, **{"place_1": "a", "place_8": "b", **held})
+    clock = VirtualClock()
+    driver = ModbusSampleChanger.at(DevicePlace(link, 1, None, clock))
+    driver.connect()
+    link.asked.clear()
+    return driver, link, clock
+
+
+def lays(link: Any, clock: VirtualClock, name: str, after: float) -> None:
+    """From the order on the alone moves for some seconds; then this sample lies there."""
+    begun = list[int]()
+
+    def look(reply: Any) -> Any:
+        if begun and 1e-9 * (clock.now_ns() - begun[0]) >= after:
+            link.put(status=0, mounted=name, exchanges=link.held("exchanges") + 1 if link.held("status") else 1)
+        return reply
+
+    def ordered() -> None:
+        begun.append(clock.now_ns())
+        link.put(status=MOVING, mounted="")
+
+    link.written, link.replied = ordered, look
+
+
+def test_another_sample_than_was_ordered_is_told() -> None:
+    driver, link, clock = alone()
+    lays(link, clock, "a", 0.0)
+    with pytest.raises(DeviceError, match=r"^sample changer at .*: has mounted 'a', was ordered 'b'; look at it$"):
+        driver.mount("b")
+    driver.check()  # nothing was laid by an order
+
+
+@pytest.mark.parametrize(("timeout", "done"), [(1.0, False), (1.5, True)])
+def test_a_changer_is_waited_for_no_longer_than_it_may_take(timeout: float, done: bool) -> None:
+    driver, link, clock = alone()
+    lays(link, clock, "b", 2 * POLL - 0.1)
+    begun = clock.now_ns()
+    if done:
+        driver.mount("b", timeout)
+        return
+    with pytest.raises(DeviceError, match=rf"^sample changer at .* after {timeout:g} s; look at it$"):
+        driver.mount("b", timeout)
+    assert 1e-9 * (clock.now_ns() - begun) == pytest.approx(timeout)

@@ -1,4 +1,4 @@
-"""Late replies where frames have no number; `python -m tests.benchmarks stale` tries a million."""
+"""Late replies where frames have no number, and SDO answers one by one; `tests.benchmarks stale` tries a million."""
 
 from __future__ import annotations
 
@@ -11,7 +11,7 @@ import pytest
 from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.links.can import CheckedSdoClient, has_wire
+from palpate.drivers.links.can import FRAME, LARGEST_OBJECT, LATE_ANSWERS, CheckedSdoClient, has_wire
 from palpate.instrument.bench import links
 from palpate.instrument.contracts.own import shortest_transfer
 from tests.stale import KINDS, NONE, TOLD, tried
@@ -48,18 +48,20 @@ def test_without_the_drivers_care_the_same_tries_find_late_replies(kind: str, mo
 # --- SDO answers, one by one -------------------------------------------------------------------------------
 
 
-class Answers:
-    """A network that answers each request with these frames."""
+class Client(CheckedSdoClient):
+    """Each request is answered with the next of these, of one frame or several."""
 
-    def __init__(self, *frames: str) -> None:
-        self._frames = [bytes.fromhex(frame) for frame in frames]
-        self.sdo: Any = CheckedSdoClient(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
-        self.sdo.network, self.sdo.RESPONSE_TIMEOUT = self, 1e-9
+    def __init__(self, *answers: str) -> None:
+        super().__init__(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
+        self.answers = iter(answers)
+        self.requests: list[str] = []
+        self.RESPONSE_TIMEOUT = 1e-9
 
-    def send_message(self, _cob_id: int, request: bytes) -> None:
+    def send_request(self, request: bytes) -> None:
+        self.requests.append(bytes(request).hex(" "))
         if request[0] != 0x80:
-            for frame in self._frames:
-                self.sdo.on_response(0x581, bytearray(frame), 0.0)
+            for answer in next(self.answers).split(","):
+                self.on_response(0x581, bytearray(bytes.fromhex(answer).ljust(8, b"\0")), 0.0)
 
 
 READ_2000 = "43 00 20 00 78 56 34 12"
@@ -76,27 +78,9 @@ READ_2000 = "43 00 20 00 78 56 34 12"
     ],
 )
 def test_an_answer_to_another_request_is_passed_over(late: str) -> None:
-    assert Answers(late, READ_2000).sdo.upload(0x2000, 0) == bytes.fromhex("78563412")
+    assert Client(f"{late}, {READ_2000}").upload(0x2000, 0) == bytes.fromhex("78563412")
     with pytest.raises(SdoCommunicationError):
-        Answers(late).sdo.upload(0x2000, 0)
-
-
-def test_what_came_before_it_was_asked_for_is_thrown_away() -> None:
-    answers = Answers(READ_2000)
-    answers.sdo.on_response(0x581, bytearray.fromhex("43 00 20 00 01 00 00 00"), 0.0)
-    assert answers.sdo.upload(0x2000, 0) == bytes.fromhex("78563412")
-
-
-@pytest.mark.parametrize("who", ["00 20 00", "00 00 00"])
-def test_an_abort_of_the_transfer_ends_it(who: str) -> None:
-    with pytest.raises(SdoAbortedError) as abort:
-        Answers(f"80 {who} 11 00 09 06").sdo.upload(0x2000, 0)
-    assert abort.value.code == 0x0609_0011
-
-
-def test_a_node_that_does_not_say_how_many_bytes_count_gives_those_of_the_object() -> None:
-    sdo = Answers("42 17 10 00 F4 01 AA BB").sdo
-    assert sdo.upload(0x1017, 0, 2) == bytes.fromhex("F401")
+        Client(late).upload(0x2000, 0)
 
 
 def test_a_node_that_never_stops_answering_is_a_time_out() -> None:
@@ -104,10 +88,10 @@ def test_a_node_that_never_stops_answering_is_a_time_out() -> None:
         def get(self, block: bool = True, timeout: float | None = None) -> bytes:
             return bytes.fromhex("43 01 20 00 01 00 00 00")
 
-    answers = Answers()
-    answers.sdo.responses = Endless()
+    client = Client("")
+    client.responses = Endless()
     with pytest.raises(SdoCommunicationError):
-        answers.sdo.upload(0x2000, 0)
+        client.upload(0x2000, 0)
 
 
 # --- answers that no wire can bring so soon ------------------------------------------------------------------
@@ -137,8 +121,7 @@ def node_that_answers_after(seconds: float, bitrate: float) -> CheckedSdoClient:
 @pytest.mark.parametrize("bitrate", [10e3, 125e3, 1e6])
 def test_an_answer_that_comes_before_two_frames_can_pass_is_none(bitrate: float) -> None:
     node = node_that_answers_after(1.01 * 2 * 108 / bitrate, bitrate)
-    assert node.upload(0x2000, 0, 4) == b"\2\0\0\0"
-    assert node.too_soon == 1
+    assert (node.upload(0x2000, 0, 4), node.too_soon) == (b"\2\0\0\0", 1)
 
 
 @pytest.mark.parametrize(
@@ -156,13 +139,82 @@ def test_a_bus_within_the_machine_may_answer_at_once(bus: dict[str, Any], wire: 
 
 
 def test_a_text_that_says_two_things_when_it_is_read_twice_is_not_used() -> None:
-    texts = iter(["41 08 10 00 02", "0B 61 62", "41 08 10 00 02", "0B 61 63"])
-
-    class Texts(CheckedSdoClient):
-        def send_request(self, request: bytes) -> None:
-            if request[0] != 0x80:
-                self.responses.put(bytes.fromhex(next(texts)).ljust(8, b"\0"))
-
-    node = Texts(0x601, 0x581, canopen.ObjectDictionary())  # type: ignore[no-untyped-call]
     with pytest.raises(SdoCommunicationError, match="different values"):
-        node.upload(0x1008, 0)
+        Client("41 08 10 00 02", "0B 61 62", "41 08 10 00 02", "0B 61 63").upload(0x1008, 0)
+
+
+# --- SDO transfers -------------------------------------------------------------------------------------
+
+
+TEXT = ["41 08 10 00 09", "00 70 61 6c 70 61 74 65", "1b 21 21"]  # nine bytes in two segments, the last of two
+
+
+@pytest.mark.parametrize(
+    ("answers", "place", "data", "asked"),
+    [
+        ([*TEXT, *TEXT], (0x1008, 0), b"palpate!!", ["40", "60", "70"] * 2),
+        (["40 08 10 00", *TEXT[1:]] * 2, (0x1008, 0, 4), b"palpate!!", ["40", "60", "70"] * 2),  # it tells no size
+        (["4b 17 10 00 f4 01"], (0x1017, 0, 2), b"\xf4\x01", ["40"]),
+        (["43 17 10 00 f4 01 02 03"], (0x1017, 0, 2), b"\xf4\x01\x02\x03", ["40"]),  # what it says counts
+        (["42 17 10 00 f4 01 aa bb"], (0x1017, 0, 2), b"\xf4\x01", ["40"]),  # it does not say how many bytes count
+        (["42 17 10 00 f4 01 02 03"], (0x1017, 0), b"\xf4\x01\x02\x03", ["40"]),
+    ],
+)
+def test_a_number_in_one_frame_is_read_once_and_a_text_in_segments_twice(
+    answers: list[str], place: tuple[int, ...], data: bytes, asked: list[str]
+) -> None:
+    client = Client(*answers)
+    assert client.upload(*place) == data
+    assert [request[:2] for request in client.requests] == asked
+
+
+@pytest.mark.parametrize("announced", [8, 10])
+def test_an_object_of_another_size_than_announced_is_refused(announced: int) -> None:
+    answers = [f"41 08 10 00 {announced:02x}", *TEXT[1:]]
+    with pytest.raises(SdoCommunicationError, match=f"object of 9 bytes, {announced} were announced"):
+        Client(*answers, *answers).upload(0x1008, 0)
+
+
+def test_an_object_without_end_is_refused_after_the_largest() -> None:
+    segments = [f"{toggle} 61 61 61 61 61 61 61" for toggle in ("00", "10")] * LARGEST_OBJECT
+    client = Client("40 08 10 00", *segments)
+    with pytest.raises(SdoCommunicationError, match="were announced"):
+        client.upload(0x1008, 0)
+    assert len([request for request in client.requests if request[0] in "67"]) == LARGEST_OBJECT // 7
+
+
+def test_a_segment_of_the_wrong_turn_is_passed_over() -> None:
+    """Its toggle bit is that of the segment before: it was repeated."""
+    client = Client(TEXT[0], TEXT[1], "00 70 61 6c 70 61 74 65")
+    with pytest.raises(SdoCommunicationError, match="no answer in time"):
+        client.upload(0x1008, 0)
+    assert client.requests[-1] == "80 00 00 00 00 00 04 05"  # abort: time-out, CiA 301
+
+
+def test_answers_are_kept_that_have_eight_bytes_and_no_more_than_can_be_late() -> None:
+    client = Client()
+    for answers in range(LATE_ANSWERS + 5):
+        client.on_response(0x581, bytearray(FRAME), 0.0)
+        assert client.responses.qsize() == min(answers, LATE_ANSWERS) + 1
+    for size in (0, 7, 9):
+        other = Client()
+        other.on_response(0x581, bytearray(size), 0.0)
+        assert other.responses.empty()
+
+
+def test_a_download_is_confirmed_by_its_object() -> None:
+    client = Client("60 17 10 00")
+    client.download(0x1017, 0, b"\xf4\x01")
+    assert client.requests == ["2b 17 10 00 f4 01 00 00"]
+    with pytest.raises(SdoCommunicationError):
+        Client("60 17 10 01").download(0x1017, 0, b"\xf4\x01")
+    with pytest.raises(SdoAbortedError, match="0x06090011"):
+        Client("80 17 10 00 11 00 09 06").download(0x1017, 0, b"\xf4\x01")
+
+
+def test_a_text_is_written_in_segments_whose_toggle_bits_are_confirmed() -> None:
+    client = Client("60 30 20 00", "20", "30")
+    client.download(0x2030, 0, b"palpate!!")
+    assert client.requests == ["21 30 20 00 09 00 00 00", "00 70 61 6c 70 61 74 65", "1b 21 21 00 00 00 00 00"]
+    with pytest.raises(SdoCommunicationError, match="no answer in time"):
+        Client("60 30 20 00", "20", "20").download(0x2030, 0, b"palpate!!")  # the second was not confirmed

@@ -1,4 +1,4 @@
-"""While the bench drives, its amplifier is fed in time and looked at, whatever the program does meanwhile."""
+"""Every wait goes through the bench's clock, and what drives is fed and looked at, whatever the program does."""
 
 from __future__ import annotations
 
@@ -6,87 +6,18 @@ import math
 import threading
 from collections.abc import Callable
 from types import SimpleNamespace
+from typing import Any
 
 import pytest
 
 from palpate.drivers.bench import Bench
+from palpate.drivers.clock import WallClock
 from palpate.drivers.devices import canopen_device
 from palpate.drivers.devices.canopen_device import Heartbeat
-from palpate.drivers.watched_clock import WatchedClock
 from palpate.instrument.bench.description import PATIENCE
 from palpate.instrument.errors import BenchInUse, DeviceError, LinkTimeout, SafetyError
 from palpate.simulators.bench import SimulatedBench
 from tests.drivers.benches import drive
-
-
-class Amplifier:
-    """What the clock asks of one, in order."""
-
-    def __init__(self) -> None:
-        self.asked: list[str] = []
-
-    def feed(self) -> None:
-        self.asked.append("feed")
-
-    live = feed
-
-    def check(self) -> None:
-        self.asked.append("check")
-
-    @property
-    def guard(self) -> Amplifier:
-        return self
-
-
-class Waits:
-    """A clock that notes how long it was waited for."""
-
-    def __init__(self, asked: list[str], goes_on: bool) -> None:
-        self.goes_on = goes_on
-        self._asked = asked
-        self._now = 0
-
-    def now_ns(self) -> int:
-        return self._now
-
-    def wait(self, duration: float) -> None:
-        self._asked.append(f"{duration:g} s")
-        self._now += round(1e9 * duration)
-
-
-def watched(goes_on: bool) -> tuple[WatchedClock, list[str]]:
-    amplifier = Amplifier()
-    clock = WatchedClock(Waits(amplifier.asked, goes_on))  # type: ignore[arg-type]
-    clock.look_after(amplifier, 2.0)  # type: ignore[arg-type]
-    return clock, amplifier.asked
-
-
-def test_a_clock_that_watches_cuts_waits_and_looks_at_the_amplifier_after_each_piece() -> None:
-    clock, asked = watched(goes_on=True)
-    clock.wait(2.5)
-    assert asked == ["2.5 s"]
-    clock.watching = True
-    clock.wait(2.5)
-    assert asked[1:] == ["1 s", "check", "1 s", "check", "0.5 s", "check"]
-
-
-def test_where_time_passes_in_waits_alone_they_feed_the_watchdog_before_half_its_time_is_over() -> None:
-    clock, asked = watched(goes_on=False)
-    clock.watching = True
-    for _ in range(5):
-        clock.wait(0.2)
-    clock.wait(1.2)
-    assert [what for what in asked if what != "check"] == [
-        "0.2 s",
-        "0.2 s",
-        "0.2 s",
-        "feed",
-        "0.2 s",
-        "0.2 s",
-        "1 s",
-        "feed",
-        "0.2 s",
-    ]
 
 
 def test_requests_that_take_longer_than_the_watchdog_s_time_in_all_do_not_trip_it(
@@ -191,3 +122,65 @@ def test_a_wait_ends_when_the_heartbeat_finds_another_owner(sim: SimulatedBench,
         beat()
         with pytest.raises(DeviceError, match="does not know this program any more"):
             bench.clock.wait(0.1)
+
+
+# --- when a heartbeat beats ----------------------------------------------------------------------------
+
+
+def test_a_heartbeat_beats_at_its_interval_until_it_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
+    said, intervals = list[str](), list[float | None]()
+    threads, ends = list[threading.Thread](), list[threading.Event]()
+
+    class Waits(threading.Event):
+        def wait(self, timeout: float | None = None) -> bool:
+            ends.append(self)
+            intervals.append(timeout)
+            return len(intervals) > 3
+
+    def thread(**told: Any) -> threading.Thread:
+        threads.append(threading.Thread(**told))
+        return threads[0]
+
+    monkeypatch.setattr(canopen_device, "threading", SimpleNamespace(Event=Waits, Thread=thread))
+    with Heartbeat(lambda: said.append("alive"), 0.5):
+        threads[0].join()
+    assert (said, intervals) == (["alive"] * 3, [0.5] * 4)
+    assert ends[0].is_set()
+    assert threads[0].daemon  # a program that ends does not wait for it
+    assert threads[0].name == "heartbeat"  # in lists of threads
+
+
+# --- waits ---------------------------------------------------------------------------------------------
+
+
+def test_a_dead_cable_drops_the_output_by_the_watchdog(bench: Bench, sim: SimulatedBench) -> None:
+    drive(bench)
+    sim.clock.wait(2.0)  # the bench's clock would feed it
+    assert sim.amplifier.settings["enable"] == 0.0
+    with pytest.raises(SafetyError, match=r"tripped on watchdog; the output is off.*Ctrl-Z.*next run clears"):
+        bench.clock.wait(0.1)
+
+
+def test_a_trip_ends_a_wait_within_half_the_watchdog(bench: Bench, sim: SimulatedBench) -> None:
+    bench.device("shaker_amplifier").configure(gain=2.0, current_limit=0.5, watchdog=2.0)
+    bench.drive()
+    bench.device("signal_generator").sine(10.0, 1.0)
+    before = sim.clock.now_ns()
+    with pytest.raises(SafetyError, match=r"shaker amplifier .* tripped on over_current.*clear the faults"):
+        bench.clock.wait(10.0)
+    assert sim.clock.now_ns() - before == 1_000_000_000
+    assert not sim.amplifier.settings["enable"]
+
+
+def test_a_wait_that_is_no_time_is_refused_at_once(bench: Bench) -> None:
+    for duration in (math.nan, math.inf, -1.0):
+        with pytest.raises(ValueError, match="a wait is finite and not negative"):
+            bench.clock.wait(duration)
+
+
+def test_a_wall_clock_counts_from_its_start_and_takes_waits_that_are_over() -> None:
+    clock = WallClock()
+    clock.wait(0.0)
+    clock.wait(-1e-9)
+    first = clock.now_ns()
+    assert 0 <= first <= clock.now_ns()

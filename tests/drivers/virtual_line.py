@@ -5,6 +5,7 @@ from __future__ import annotations
 import heapq
 import itertools
 from collections.abc import Callable, Iterable
+from typing import Any
 
 from palpate.drivers.links.modbus import RtuClient
 from palpate.instrument.bench.links import SILENCE
@@ -25,8 +26,8 @@ class VirtualLine(RtuClient):
     A delay may be negative: then it is a byte that nobody asked for.
     """
 
-    def __init__(self, device: Answers, baudrate: int = 115200, timeout: float = 1.0) -> None:
-        super().__init__("virtual line", baudrate=baudrate, timeout=timeout)
+    def __init__(self, device: Answers, baudrate: int = 115200, timeout: float = 1.0, **settings: Any) -> None:
+        super().__init__("virtual line", baudrate=baudrate, timeout=timeout, **settings)
         self.device = device
         self.speed = baudrate
         self.now = 0.0

@@ -1,7 +1,8 @@
-"""Positioners of makers: what is written for a move, when it has arrived, what stops it, and what is refused."""
+"""Positioners, our own and those of makers, go where they are sent, within their limits, and say when they do not."""
 
 from __future__ import annotations
 
+import math
 import re
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -12,17 +13,173 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate.drivers.devices.device import DevicePlace
+from palpate.drivers.devices.positioner import MicroPositioner
+from palpate.extend import Bench, ModbusDevice, SimulatedDevice, read_scene
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.bench.role_maps import PositionerMap
 from palpate.instrument.config import check
 from palpate.instrument.contracts import maps
+from palpate.instrument.contracts.own import POSITIONER
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError
+from palpate.procedures.testing.wire import listen
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.devices.positioner import Axis
+from palpate.simulators.clock import VirtualClock
+from palpate.simulators.devices.positioner import HOMING_SPEED, Axis
 from palpate.simulators.guests import guests
-from palpate.simulators.planning.settle import read_scene
+from palpate.testing import RtuConformance
+from tests.drivers.fake_links import Registers
 from tests.procedures.conftest import happens_in
+from tests.shares import first_of
+
+
+class TestPositioner(RtuConformance):
+    @staticmethod
+    def ends(bench: Bench, sim: SimulatedBench) -> tuple[ModbusDevice, SimulatedDevice]:
+        return bench.device("positioner"), sim.positioner
+
+
+def test_a_move_takes_its_time_and_ends_at_the_target(bench: Bench, sim: SimulatedBench) -> None:
+    positioner = bench.device("positioner")
+    before = sim.clock.now_ns()
+    positioner.set(target=0.01, speed=2e-3, command="move")
+    sim.clock.wait(2.5)
+    assert positioner.position() == 0.005
+    assert positioner.contract.set_bits("status", positioner.get("status")) == {"moving", "homed"}
+    assert sim.rig.position == 0.0  # the scene follows when the move has ended
+    sim.clock.wait(2.5)
+    assert positioner.contract.set_bits("status", positioner.get("status")) == {"homed"}
+    assert (positioner.position(), sim.rig.position) == (0.01, 0.01)
+    positioner.move(0.004, speed=1e-3)
+    assert sim.clock.now_ns() - before == 11_000_000_000
+    positioner.home()
+    assert positioner.position() == 0.0
+
+
+@pytest.mark.parametrize("start", [0.00005, 0.0137, 0.025])
+def test_homing_is_noticed_within_a_poll_of_its_end_by_few_requests(
+    start: float, bench: Bench, sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    bench.device("positioner").move(start, speed=5e-3)
+    wire = listen(bench.device("positioner").link, monkeypatch)
+    before = sim.clock.now_ns()
+    bench.device("positioner").home()
+    late = 1e-9 * (sim.clock.now_ns() - before) - start / HOMING_SPEED
+    assert 0 <= late < 0.1
+    assert len(wire.requests) <= 14  # of which each second look is two
+
+
+def test_a_move_stops_where_it_is(bench: Bench, sim: SimulatedBench) -> None:
+    bench.device("positioner").set(target=0.01, speed=1e-3, command="move")
+    sim.clock.wait(3.0)
+    bench.device("positioner").stop()
+    sim.clock.wait(10.0)
+    assert (bench.device("positioner").position(), sim.rig.position) == (0.003, 0.003)
+    assert bench.device("positioner").get("status") == 2
+
+
+def test_a_move_that_takes_too_long_is_stopped_when_its_time_is_over(bench: Bench, sim: SimulatedBench) -> None:
+    before = sim.clock.now_ns()
+    with pytest.raises(DeviceError, match="not at 20 mm after 5 s; it was stopped"):
+        bench.device("positioner").move(0.02, speed=1e-3, timeout=5.0)
+    assert sim.clock.now_ns() - before <= 5_200_000_000
+    sim.clock.wait(20.0)
+    assert bench.device("positioner").position() == pytest.approx(0.005, abs=2e-4)
+
+
+@pytest.mark.parametrize("target", [-1e-6, 0.025001, math.nan])
+def test_a_target_beyond_the_limits_is_refused_before_anything_is_sent(
+    target: float, bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = listen(bench.device("positioner").link, monkeypatch)
+    with pytest.raises(RangeError, match=r"micro-positioner: target .* outside its limits 0 to 25 mm"):
+        bench.device("positioner").move(target)
+    assert wire.requests == []
+
+
+@pytest.mark.parametrize("limit", first_of([0.000019, 0.025, 0.0123, 0.007007]))
+def test_the_limit_itself_can_be_reached_by_whoever_reads_it(limit: float, bench: Bench) -> None:
+    bench.device("positioner").set_limits(0.0, limit)
+    bench.device("positioner").connect()
+    assert bench.device("positioner").travel() == limit
+    bench.device("positioner").move(limit, speed=5e-3)
+    assert bench.device("positioner").contract.set_bits("status", bench.device("positioner").get("status")) == {
+        "homed",
+        "at_limit",
+    }
+
+
+def test_the_positioner_itself_refuses_to_leave_its_limits(bench: Bench) -> None:
+    positioner = bench.device("positioner")
+    positioner.set_limits(0.002, 0.004)
+    for target in (0.001999, 0.004001):
+        with pytest.raises(DeviceError, match="answered exception 3, illegal value, to target = "):
+            positioner.set(target=target, speed=1e-3, command="move")
+        assert positioner.get("target") == 0.0
+    assert positioner.contract.set_bits("status", positioner.get("status")) == {"homed"}
+
+
+def test_limits_the_wrong_way_round_are_refused_before_anything_is_sent(
+    bench: Bench, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    wire = listen(bench.device("positioner").link, monkeypatch)
+    with pytest.raises(RangeError, match="lower limit 4 mm is not at or below the upper limit 2 mm"):
+        bench.device("positioner").set_limits(0.004, 0.002)
+    assert wire.requests == []
+    with pytest.raises(DeviceError, match="illegal value"):
+        bench.device("positioner").set(limit_low=0.004, limit_high=0.002)
+    assert bench.device("positioner").get_many("limit_low", "limit_high") == [0.0, 0.025]
+
+
+# --- the driver by itself ------------------------------------------------------------------------------
+
+
+HOMED = 2
+
+
+def positioner(**held: Any) -> tuple[MicroPositioner, Any, VirtualClock]:
+    link: Any = Registers(POSITIONER, **{"limit_high": 0.02, "status": HOMED, **held})
+    clock = VirtualClock()
+    driver = MicroPositioner.at(DevicePlace(link, 1, None, clock))
+    driver.connect()
+    link.asked.clear()
+    return driver, link, clock
+
+
+@pytest.mark.parametrize(
+    ("status", "found"), [(HOMED, []), (0, ["micro-positioner at rack unit 1: has lost its home"])]
+)
+def test_a_positioner_that_has_lost_its_home_differs(status: int, found: list[str]) -> None:
+    driver, link, _ = positioner()
+    link.put(status=status)
+    assert driver.differences() == found
+
+
+@pytest.mark.parametrize(("off", "there"), [(0.0, True), (1e-6, True), (3e-6, False), (-3e-6, False)])
+def test_a_positioner_stands_where_it_was_sent_to_two_micrometres(off: float, there: bool) -> None:
+    driver, link, _ = positioner()
+    link.written = lambda: link.put(position=0.005 + off)
+    if not there:
+        with pytest.raises(DeviceError, match=r"stands at .* mm, was sent to 5 mm$"):
+            driver.move(0.005)
+        return
+    driver.move(0.005)
+    assert driver.differences() == []
+    link.put(position=0.005 + 3e-6)
+    assert driver.differences() == ["micro-positioner at rack unit 1: stands at 5.003 mm, was sent to 5 mm"]
+
+
+def test_the_limits_of_a_bench_that_were_set_before_are_kept_when_it_is_opened_again() -> None:
+    driver, link, _ = positioner()
+    assert driver.travel() == 0.02
+    driver.set_limits(0.001, 0.01)
+    link.put(limit_low=0.0, limit_high=0.02)
+    driver.connect()
+    assert (driver.travel(), len(driver.differences())) == (0.01, 2)
+
+
+# --- positioners of makers -----------------------------------------------------------------------------
+
 
 LEAD = 1e-3  # m of the screw
 STEPS = {  # of a turn
@@ -77,18 +234,6 @@ def test_a_move_takes_the_time_of_its_speed_and_acceleration_and_moves_the_probe
 
 
 @pytest.mark.slow
-def test_a_home_is_not_looked_for_in_a_way_that_takes_the_present_position() -> None:
-    with opened(C5) as (sim, twin, stage):
-        stage.home()
-        stage.move(2e-3)
-        twin.settings["homing_method"] = 35.0  # it was never saved, and the power has gone
-        stage._knows_home = False
-        with pytest.raises(DeviceError, match="homing_method is 35"):
-            stage.home()
-        assert sim.rig.position == pytest.approx(2e-3)
-
-
-@pytest.mark.slow
 def test_steps_may_count_upwards() -> None:
     with opened(C5, metres_per_step=-5e-7) as (sim, twin, stage):
         stage.home()
@@ -124,30 +269,7 @@ def test_what_it_cannot_do_is_refused_before_anything_moves() -> None:
         for target, speed in ((25.1e-3, 1e-3), (-1e-6, 1e-3), (1e-3, 0.0), (1e-3, -1.0), (1e-3, 1e-6), (1e-3, 1e6)):
             with pytest.raises(RangeError, match=r"outside|does not fit|give one above 0|give more"):
                 stage.move(target, speed)
-        assert twin.settings["target"] == 0
-        assert sim.rig.position == 0.0
-
-
-@pytest.mark.parametrize(
-    ("kind", "stops"),
-    [(KRD, True), *[pytest.param(*p, marks=pytest.mark.slow) for p in ((KRD_CAN, True), (C5, False), (CS2RS, False))]],
-)
-def test_a_device_that_watches_its_master_stops_when_it_is_gone(kind: str, stops: bool) -> None:
-    with opened(kind) as (sim, _twin, stage):
-        stage.home()
-        stage._target = None
-        stage._begin(stage._move(10e-3, 10e-3, 1e-3)[0])
-        sim.clock.wait(20.0)
-        if not stops:
-            assert sim.rig.position == pytest.approx(10e-3)  # their pages say so
-            return
-        assert sim.rig.position == pytest.approx(1e-3, abs=5e-5)
-        (said,) = [each for each in stage.differences() if "alarm" in each]
-        assert ("alarm = 0x85" in said) == (kind == KRD)
-        stage.restore()
-        stage.move(2e-3)
-        sim.clock.wait(20.0)  # nobody needs to renew a move that has ended
-        assert stage.differences() == []
+        assert (twin.settings["target"], sim.rig.position) == (0, 0.0)
 
 
 @pytest.mark.slow
@@ -156,26 +278,16 @@ def test_an_interrupt_in_a_move_stops_the_motor(kind: str) -> None:
     def interrupt() -> None:
         raise KeyboardInterrupt
 
-    with opened(kind) as (sim, twin, stage):
+    with opened(kind) as (sim, _, stage):
         stage.home()
         happens_in(sim, 1.0, interrupt)
         with pytest.raises(KeyboardInterrupt):
             stage.move(10e-3)
-        assert not twin._axis.moving
         assert stage.position() == pytest.approx(1e-3, abs=1e-4)
         sim.clock.wait(20.0)
+        assert stage.position() == pytest.approx(1e-3, abs=1e-4)
         assert not [each for each in stage.differences() if "alarm" in each]
         stage.move(2e-3)
-
-
-@pytest.mark.slow
-def test_a_move_that_does_not_arrive_in_time_is_stopped_and_told() -> None:
-    with opened(CS2RS) as (sim, twin, stage):
-        stage.home()
-        happens_in(sim, 0.5, lambda: twin._axis.go(sim.clock.now_ns(), 20_000, 1.0, 1e9, 1e9))  # it is held
-        with pytest.raises(DeviceError, match=r"stands at 0\.4\d+ mm after 9\.\d+ s, was sent to 2 mm; it was stopped"):
-            stage.move(2e-3)
-        assert not twin._axis.moving
 
 
 @pytest.mark.slow
@@ -267,11 +379,3 @@ def test_a_twin_knows_the_objects_of_its_drive_whatever_a_map_calls_them(tmp_pat
         bench.device("stage").home()
         bench.device("stage").move(1e-3)
         assert sim.rig.position == pytest.approx(1e-3)
-
-
-@pytest.mark.parametrize("kind", ["oriental-motor-blvd-krd", "leadshine-cs2rs"])
-def test_a_target_that_somebody_writes_alone_starts_no_move(kind: str) -> None:
-    with served(kind) as (_sim, twin):
-        target = twin.kind.serves["positioner"].target
-        twin.turn({target: 5.0})
-        assert (twin.settings[target], twin._axis.moving) == (5.0, False)
