@@ -86,28 +86,19 @@ def test_a_procedure_that_has_enough_ends_before_its_plan_and_says_why(tmp_path:
     assert (len(whole.result.points), whole.run.events()) == (6, [])
 
 
-def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to(tmp_path: Path) -> None:
+def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to_and_none_is_left_out(tmp_path: Path) -> None:
     class GoesOn(Recorder):
+        count = 3
+
         def finished(self, kind: type[T]) -> list[T]:
-            return [kind(0.0, float(i)) for i in range(3)]  # type: ignore[call-arg]
+            return [kind(0.0, float(i)) for i in range(self.count)]  # type: ignore[call-arg]
 
     with palpate.open_bench(scene="ideal") as bench, GoesOn.create(tmp_path, HEADER) as record:
-        result = conduct(Waiting(), bench.lab("waiting", bench.started), record)
-        record.finish("complete", {})
-    assert [point.time_s for point in result.points] == [0.0, 1.0, 2.0]
-
-
-def test_more_finished_points_than_the_procedure_takes_are_refused_and_none_is_left_out(tmp_path: Path) -> None:
-    class GoesOn(Recorder):
-        def finished(self, kind: type[T]) -> list[T]:
-            return [kind(0.0, float(i)) for i in range(4)]  # type: ignore[call-arg]
-
-    with (
-        palpate.open_bench(scene="ideal") as bench,
-        GoesOn.create(tmp_path, HEADER) as record,
-        pytest.raises(palpate.RecordError, match="holds 4 points, and this procedure takes 3; run it anew"),
-    ):
-        conduct(Waiting(), bench.lab("waiting", bench.started), record)
+        lab = bench.lab("waiting", bench.started)
+        assert [point.time_s for point in conduct(Waiting(), lab, record).points] == [0.0, 1.0, 2.0]
+        record.count = 4
+        with pytest.raises(palpate.RecordError, match="holds 4 points, and this procedure takes 3; run it anew"):
+            conduct(Waiting(), lab, record)
 
 
 def test_a_replay_ends_where_the_run_did(tmp_path: Path) -> None:

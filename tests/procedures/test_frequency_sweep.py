@@ -9,14 +9,11 @@ import numpy as np
 import pytest
 
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import RangeError
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.frequency_response import high_pass
-from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.frequency import (
     FilmFrequencyResponse,
     FrequencyPoint,
-    FrequencySweep,
     dwell_at,
     evaluate,
     parse_frequencies,
@@ -113,14 +110,3 @@ def test_a_dwell_is_of_whole_cycles_three_at_least() -> None:
     assert dwell_at(0.1, 1.0) == pytest.approx(30.0)
     assert dwell_at(10.0, 1.0) == pytest.approx(1.0)
     assert dwell_at(17.783, 1.0) * 17.783 == pytest.approx(18)
-
-
-def test_a_bench_with_too_few_nodes_is_refused() -> None:
-    with pytest.raises(RangeError, match="17 films on 5 sensor nodes"):
-        FrequencySweep((1.0, 2.0, 3.0)).check(Target(get_design("array_16"), 10.0, 1))
-
-
-def test_a_dry_run_takes_the_time_of_the_plan(palpate: Palpate, benches: Benches) -> None:
-    found = palpate(*SWEEP, "--dry-run", "--json").object
-    assert (len(found["points"]), benches) == (13, [])
-    assert found["expected_seconds"] == pytest.approx(401, rel=0.15)  # what the default sweep takes

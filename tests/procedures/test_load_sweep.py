@@ -12,7 +12,6 @@ import numpy as np
 import pytest
 
 from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import RangeError, UnreachableError
 from palpate.instrument.models.response import response
 from palpate.instrument.sensor.designs import get_design
@@ -23,7 +22,7 @@ from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, evaluate
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene, with_model
+from palpate.simulators.planning.settle import with_model
 from palpate.simulators.scenes.scene import Scene
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
@@ -308,11 +307,3 @@ def test_more_than_a_thousand_loads_are_refused(text: str) -> None:
     assert len(parse_loads("1 N:1000 N:1 N")) == 1000
     with pytest.raises(RangeError, match="more than 1000 loads"):
         parse_loads(text)
-
-
-def test_a_load_cell_calibration_that_is_wrong_by_a_quarter_flags_every_point(tmp_path: Path) -> None:
-    """13.3 mV/N for 10.3, as a hand edit left it: the films tell of 29 % more force than the load cell."""
-    wrong = THESIS_LOAD_CELL.model_copy(update={"sensitivity_mV_per_N": 13.3})
-    result = sweep_scene(read_scene("thesis_single"), tmp_path, samples=("1",), loads=(2.0,), calibration=wrong)
-    assert [point.flags for point in result.points] == [("force",)]
-    assert result.samples[0].force_ratio is None

@@ -88,11 +88,6 @@ def test_a_surface_of_another_design(palpate: Palpate, command: str, surfaces: P
 
 
 @pytest.mark.parametrize("command", COMMANDS)
-def test_a_surface_without_its_files(palpate: Palpate, command: str, surfaces: Path) -> None:
-    assert "has no surface for design 'single' with these dimensions" in refused(palpate, command, "--model", "surface")
-
-
-@pytest.mark.parametrize("command", COMMANDS)
 def test_a_surface_cut_off_in_its_file(palpate: Palpate, command: str, surfaces: Path) -> None:
     for path in shipped("single"):
         (surfaces / path.name).write_bytes(path.read_bytes()[:1000])

@@ -17,11 +17,10 @@ from palpate.instrument.calibration.model_calibration import ModelCalibration
 from palpate.instrument.config import read_hashed
 from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import CALIBRATION
-from palpate.instrument.quantity import Typed, parse_tolerance
+from palpate.instrument.quantity import Typed
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.lab.lab import Dwells, Target
-from palpate.procedures.measurements.object_modulus.planning import command_of
 from palpate.procedures.measurements.object_modulus.procedure import Course, ObjectModulus
 from palpate.procedures.measurements.object_modulus.report import ModulusPoint, mounting_scatter, ratios_of
 from palpate.procedures.records.run import Run
@@ -140,12 +139,6 @@ def test_a_plan_tells_what_more_points_of_films_would_give() -> None:
     assert "not calibrated: ± 10 % leaves their error out; with 6 points (1 min 46 s, once) it counts: ± 12 %" in plain
 
 
-@pytest.mark.parametrize("points", [6, 7, 16, 100])
-def test_the_command_for_film_points_takes_so_many_loads(points: int) -> None:
-    loads = command_of(CALIBRATION, points).split("--loads ")[1].strip("'")
-    assert len(parse_loads(loads)) == points
-
-
 @pytest.mark.slow
 def test_a_plan_tells_which_calibrations_and_which_frequency_would_pay() -> None:
     absolute, fine = wanted(time=120.0), wanted(tolerance=0.02, relative_to_model=True, mounting_scatter=0.0)
@@ -175,28 +168,6 @@ def test_a_refusal_names_the_quickest_calibrations_that_reach_the_tolerance() ->
 
 
 @pytest.mark.slow
-def test_a_plan_takes_the_stored_scatter_of_mountings_unless_another_is_stated() -> None:
-    stored = MountingScatterCalibration(
-        means_u=0.02, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="N1", simulated=True,
-        source="run", created="now", expires="2999-01-01",
-    )  # fmt: skip
-    target = replace(TARGET, calibrated=(1.0, 8.0), mountings=stored)
-    asked = wanted(tolerance=0.1, relative_to_model=True)
-    planned = asked.plan(target).predicted
-    assert planned.details["planned"]["mountings"] > 1
-    assert "mountings      scatter by 1.9 % of the ratio, at most 8.8 % (95 %): run" in planned.lines
-    assert "               the plan counts 2 %, 2 degrees of freedom" in planned.lines
-    alike = replace(target, mountings=stored.model_copy(update={"sets_u": 0.02}))
-    (told,) = [line for line in asked.plan(alike).predicted.lines if line.startswith("mountings")]
-    assert told == "mountings      scatter no more than their sets let expect, at most 8.8 % of the ratio (95 %): run"
-    assert planned.details["planned"]["scale_U95"] > 2.1 * (planned.u or 0)
-    stated = replace(asked, mounting_scatter=0.0).plan(target).predicted.lines
-    assert not [line for line in stated if "of the ratio" in line or "let expect" in line]
-    never = asked.plan(replace(target, mountings=None)).predicted.lines
-    assert [line for line in never if "was never measured" in line]
-
-
-@pytest.mark.slow
 def test_a_dry_run_counts_the_films_calibration_that_its_run_will_use(palpate: Palpate) -> None:
     asked = (*MEASURE, "--sample", "4", "--tolerance", "30 %", "--relative-to-model")
     assert "films not calibrated" in palpate(*asked, "--dry-run").out
@@ -218,6 +189,7 @@ def test_what_three_mountings_scatter_is_stored_for_the_sensor_and_used_by_the_n
     following = (*asked, "--tolerance", "9 %", "--dry-run")
     assert f" (95 %): {stored.source}\n               the plan counts" in palpate(*following).out
     assert "was never measured" in palpate(*following, "--seed", "7").out
+    assert "of the ratio" not in palpate(*following, "--mounting-scatter", "0 %").out
     write_calibration(Path(made["mounting_scatter_file"]), stored.model_copy(update={"expires": "2024-02-29"}))
     assert "was never measured" in palpate(*following).out
 
@@ -263,20 +235,6 @@ def test_what_no_time_reaches_and_what_takes_too_many_sets_name_the_same_best(to
     assert str(refused.value).endswith(best_now)  # auto takes this model
     best = wanted(tolerance=0.002, relative_to_model=True, mounting_scatter=0.0).course_on(TARGET).prospect
     assert MOST_SETS / 2 < best.allocation.sets <= MOST_SETS
-
-
-@pytest.mark.parametrize(("model", "relative"), [("surface", True), ("surface", False)])
-def test_the_best_that_a_refusal_names_is_none_that_it_refuses(model: str, relative: bool) -> None:
-    with pytest.raises(RangeError) as refused:
-        wanted(tolerance=0.001, model=model, relative_to_model=relative).course_on(TARGET)
-    best = re.search(r"best now  --tolerance '(.+)'", str(refused.value))
-    assert (best is None) == (not relative), str(refused.value)
-    if best is None:  # the least there is is above the greatest tolerance
-        assert "best now  × " in str(refused.value)
-    else:
-        tolerance = parse_tolerance(best[1])
-        found = wanted(tolerance=tolerance, model=model, relative_to_model=relative).course_on(TARGET)
-        assert found.prospect.allocation.half <= tolerance
 
 
 def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Palpate) -> None:
@@ -351,17 +309,6 @@ def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_tol
     assert (longer.sets, longer.dwell > 1, longer.seconds < 24 * 3600) == (MOST_SETS, True, True)
     three = replace(asked, mountings=3).course_on(TARGET).prospect.allocation
     assert (three.mountings, three.sets) == (3, 9999)
-
-
-@pytest.mark.slow
-def test_a_tolerance_at_the_most_load_sets_tells_how_many_runs_have_enough_of_them() -> None:
-    asked = {"relative_to_model": True, "mounting_scatter": 0.0}
-    best = wanted(time=Typed(24 * 3600.0, "24 h"), **asked).course_on(TARGET).prospect.allocation.half
-    usual, edge = (wanted(tolerance=t, **asked).plan(TARGET).predicted.lines[2] for t in (2 * best, 1.001 * best))
-    assert usual.endswith("which are enough for 95 % of runs")
-    share = re.search(r"which are enough for (\d\d) % of runs, as it has 10,000 load sets at most", edge)
-    assert share is not None
-    assert 40 <= int(share[1]) <= 60
 
 
 def test_without_an_object_a_simulated_bench_has_nothing_to_touch(palpate: Palpate) -> None:
@@ -479,19 +426,6 @@ def test_mountings_that_were_asked_for_are_made_and_tell_their_scatter() -> None
     pooled = math.sqrt((2 * 0.01**2 + 2 * 0.06**2) / 4)  # of the prior and of these three
     assert answer.row["scale_u"] > 1.9 * pooled / math.sqrt(3)
     assert of.verdict(taken).why == ""  # more mountings are needed than were asked for
-
-
-def test_the_scatter_of_the_mountings_of_a_run_counts_even_where_it_is_small() -> None:
-    of = course(wanted(tolerance=0.08, relative_to_model=True, mountings=3))
-    alike, apart = (
-        [p for m, shift in enumerate((0.0, by, -by), 1) for p in points(*(shift + s for s in SCATTERED), mounting=m)]
-        for by in (0.0, 0.02)
-    )
-    one, other = of.answer(alike), of.answer(apart)
-    assert one is not None
-    assert other is not None
-    assert other.row["scale_u"] > 1.2 * one.row["scale_u"]
-    assert other.ratio.degrees_of_freedom < one.ratio.degrees_of_freedom
 
 
 # --- on the bench ----------------------------------------------------------------------------------------

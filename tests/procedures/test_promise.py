@@ -18,7 +18,6 @@ from palpate.extend import Procedure
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.engine.plan import first_steps
 from palpate.procedures.engine.procedure import Expected, SimpleResult, achieved
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.lab import Target
@@ -164,13 +163,6 @@ def test_a_run_with_a_target_has_each_result_that_its_plan_predicts(case: Case) 
     _check(case)
 
 
-def test_four_times_the_load_sets_halve_what_is_expected() -> None:
-    target = _target()
-    one, four = (LoadSweep(("1",), (4.0,) * sets).plan(target).predicted.u for sets in (2, 8))
-    assert one is not None and four is not None
-    assert four == pytest.approx(one / 2)
-
-
 def test_a_calibration_of_the_films_is_a_line_of_what_is_expected() -> None:
     target = _target()
     films = replace(target.design, film_covariance=((4e-4, 0.0), (0.0, 0.0)), film_freedom=5.0)
@@ -184,10 +176,6 @@ def test_a_calibration_of_the_films_is_a_line_of_what_is_expected() -> None:
 def test_a_load_cell_that_is_turned_takes_the_time_to_turn_it() -> None:
     once, turned = (LoadCellSeries(positions=places).plan(_target()) for places in ((0.0,), (0.0, 120.0)))
     assert turned.seconds == pytest.approx(2 * (once.seconds + 60))
-
-
-def test_a_greater_load_takes_more_servo_steps() -> None:
-    assert [first_steps(load) for load in (0.4, 1.5, 3.0, 4.0, 7.0)] == [2, 3, 3, 4, 4]
 
 
 def test_a_result_that_a_run_does_not_have_is_not_achieved() -> None:

@@ -87,14 +87,6 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
 
 
 @pytest.mark.slow
-def test_another_scene_model_or_seed_is_another_sensor(palpate: Palpate) -> None:
-    palpate(*CALIBRATE, "--json")
-    for other in (("--seed", "7"), ("--scene", "ideal"), ("--model", "column")):
-        words = [word for word in SOFTNESS if "--model" not in other or word not in ("--model", "auto")]
-        assert palpate(*words, *other).object["validation_line"]["constant"] == 0.0
-
-
-@pytest.mark.slow
 def test_a_run_that_tested_the_modulus_is_a_reference(palpate: Palpate) -> None:
     tested = palpate("test", "modulus", "--sample", "4", "--json").object
     name = Path(tested["run"]).name
@@ -108,19 +100,6 @@ def test_a_run_that_tested_the_modulus_is_a_reference(palpate: Palpate) -> None:
     assert "references 'A' and 'B': the same is given twice" in palpate("calibrate", "model", *twice).complaint
     with pytest.raises(UsageError, match="is a run of calibrate-model, which tells no modulus"):
         read_reference(f"A: {made['run']}")
-
-
-@pytest.mark.slow
-def test_a_calibration_of_a_model_is_replayed_from_its_bus_log(palpate: Palpate) -> None:
-    whole = palpate(*CALIBRATE, "--json", "--log", "log.pcapng").object
-    again = palpate("bus", "replay", "log.pcapng", "--out", "again", "--json").object
-    assert again["references"] == whole["references"]
-    assert Run.open(Path("again")).digest() == Run.open(Path(whole["run"])).digest()
-
-
-def test_the_dry_run_tells_what_the_calibration_will_be_worth_for_a_modulus(palpate: Palpate) -> None:
-    said = palpate("calibrate", "model", "--reference", "A: 48 kPa ± 2 %", "--dry-run").out
-    assert "modulus of an object        16 %  relative" in said
 
 
 @pytest.mark.slow

@@ -136,11 +136,6 @@ def test_objects_of_several_thicknesses_are_refused() -> None:
         SoftnessTest((get_sample("1"), thick)).check(REAL)
 
 
-def test_a_sensor_of_more_films_than_the_nodes_take_is_refused() -> None:
-    with pytest.raises(RangeError, match="17 films"):
-        SoftnessTest((get_sample("1"),)).check(Target(get_design("array_16"), 10.0, nodes=4))
-
-
 def test_several_unknown_objects_on_a_real_bench_have_names() -> None:
     one, other = unknown_object(SINGLE), unknown_object(SINGLE)
     with pytest.raises(RangeError, match="give at least one, and each only once"):

@@ -26,7 +26,7 @@ from palpate.instrument.models.validation import ValidationLine
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import get_sample
 from palpate.instrument.signals.dwell import Floor, dwell_of, floor_u
-from palpate.instrument.signals.estimate import FEW_DEGREES, fit_sine, mean_power, typical
+from palpate.instrument.signals.estimate import fit_sine, mean_power, typical
 from palpate.instrument.signals.frequency_response import fit_corner, fit_resonance
 from palpate.instrument.signals.noise import of_greatest, whittle
 from palpate.instrument.thesis import read_table
@@ -36,7 +36,7 @@ from palpate.procedures.measurements import frequency, softness
 from palpate.procedures.measurements.loads import floor_of
 from palpate.procedures.reproduce import criterion as bias
 from palpate.procedures.reproduce.criterion import cells_of, fitted_line
-from palpate.procedures.steps.film_point import FALSE_ALARMS, forces_differ, is_short
+from palpate.procedures.steps.film_point import FALSE_ALARMS, forces_differ
 from palpate.procedures.steps.films import CHARGE_AMPLIFIER
 from palpate.procedures.steps.standing import wandered
 from tests.instrument.test_film_forces import FREQUENCY, fitted
@@ -286,18 +286,6 @@ def test_two_forces_differ_where_students_factor_of_their_difference_ends() -> N
         else:
             agrees = middle
     assert agrees - forces.force_total_N == pytest.approx(chance + lost * agrees, rel=1e-6)
-
-
-def test_a_record_is_short_where_its_noise_leaves_the_ratio_few_degrees_of_freedom() -> None:
-    marks = set()
-    for noise in np.geomspace(1e-4, 2e-2, 8):
-        fit = replace(fitted(SINGLE, [0.5, 1.6], noise=float(noise)), degrees_of_freedom=9.0)
-        forces = film_forces(SINGLE, fit)
-        rest = math.sqrt(forces.force_ratio_u**2 - forces.noise_u**2)
-        ratio = gtc.ureal(0, forces.noise_u, 9.0) + gtc.ureal(0, rest)
-        marks.add(is_short(SINGLE, fit))
-        assert is_short(SINGLE, fit) == (ratio.df < FEW_DEGREES)
-    assert marks == {False, True}
 
 
 def test_figures_of_a_sensor_have_the_uncertainty_of_their_equations() -> None:

@@ -59,21 +59,6 @@ def test_the_nodes_of_an_array_are_recorded_together(palpate: Palpate) -> None:
 # --- refused before anything starts ----------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("more", [("--tolerance", "0.01 %"), ("--frequency", "200 Hz"), ("--loads", "9.5 N")])
-def test_what_is_refused_starts_no_bench_and_leaves_no_folder(
-    palpate: Palpate, benches: Benches, more: tuple[str, str]
-) -> None:
-    spoken = palpate("sweep", "loads", *more)
-    assert (spoken.status, bool(spoken.complaint)) == (2, True)
-    assert benches == []
-    assert list(Path().iterdir()) == []
-
-
-def test_dwell_and_tolerance_exclude_each_other(palpate: Palpate) -> None:
-    said = palpate("sweep", "loads", "--dwell", "1 s", "--tolerance", "5 %").complaint
-    assert said.startswith("--dwell and --tolerance")
-
-
 # --- dwell by tolerance ----------------------------------------------------------------------------------
 
 
