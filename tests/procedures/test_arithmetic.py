@@ -14,11 +14,10 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import LoadSweep, open_bench, run
+from palpate import LoadSweep, Run, open_bench, run
+from palpate.extend import Recorder
 from palpate.instrument.arithmetic import KERNELS, alike, arithmetic, same_arithmetic
 from palpate.instrument.models.response import RatioQuestion, ask
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, Palpate
 from tests.runs import rehash
 
@@ -172,8 +171,7 @@ def test_a_run_goes_on_under_another_arithmetic_and_says_so(cut: Callable[..., A
     assert {"machine", "processor", "blas", "vectors", "libm"} == arithmetic().keys()
     assert all(arithmetic()[key] for key in ("machine", "blas", "vectors", "libm"))
     (told,) = [event["message"] for event in run.events() if event["kind"] == "changed"]
-    assert "Haswell, 8 threads" in told
-    assert "compared to 1e-06 of each number" in told
+    assert "Haswell, 8 threads" in told and "compared to 1e-06 of each number" in told
 
 
 @pytest.mark.slow

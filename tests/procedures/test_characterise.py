@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import palpate as package
+from palpate import EstimateError, get_design
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import EstimateError
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise
 from palpate.procedures.measurements.characterise.report import LOADING, Characteristic, FilmsPoint, evaluate
 from palpate.procedures.steps.flags import CLIPPED
@@ -69,12 +68,10 @@ def rows(points: list[FilmsPoint], film: str = "total") -> dict[str, Characteris
 
 def test_a_straight_quiet_film_has_the_figures_of_its_noise() -> None:
     found = rows(measured())
-    assert list(found) == QUANTITIES
-    assert found["force sensitivity"].value == pytest.approx(70e-3)
+    assert (list(found), found["force sensitivity"].value) == (QUANTITIES, pytest.approx(70e-3))
     known = THESIS_LOAD_CELL.sensitivity_u / THESIS_LOAD_CELL.sensitivity_mV_per_N
     by_loads = LOAD_U / math.sqrt(sum((load - sum(LOADS) / len(LOADS)) ** 2 for load in LOADS))
     assert found["force sensitivity"].u == pytest.approx(math.hypot(known, by_loads) * 70e-3, rel=0.01)
-    assert found["signal-to-noise ratio"].value == pytest.approx(20 * math.log10(0.21 / math.sqrt(8) / NOISE))
     resolution = 2 * NOISE * math.sqrt(8 / 250) / 70e-3
     assert found["resolution"].value == pytest.approx(resolution)
     assert found["dynamic range"].value == pytest.approx(20 * math.log10(10.0 / resolution))
@@ -113,12 +110,6 @@ def test_each_row_names_its_equation_and_section_and_is_what_they_say() -> None:
         assert found[quantity].thesis.startswith(section)
         assert found[quantity].value == pytest.approx(value), quantity
     assert all(row.definition and row.thesis.startswith("2.1") for row in found.values())
-
-
-def test_an_offset_is_no_bend_but_is_not_proportional_as_the_thesis_wants_it() -> None:
-    shifted = [replace(p, voltages_V=tuple(v + 10e-3 for v in p.voltages_V)) for p in measured()]
-    assert rows(shifted)["linearity"].value < 1e-9
-    assert rows(shifted)["zero-based linearity"].value > 0.01
 
 
 def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:

@@ -10,13 +10,11 @@ from typing import TypeVar
 import pytest
 
 import palpate
-from palpate.extend import Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target
+from palpate.extend import Design, Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target, read_scene
 from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.models.response import RatioQuestion
-from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install
-from palpate.simulators.planning.settle import read_scene
 from palpate.testing import steps
 from tests.procedures.conftest import HEADER
 
@@ -106,8 +104,7 @@ def test_a_replay_ends_where_the_run_did(tmp_path: Path) -> None:
     with palpate.open_bench(scene="ideal", log=log) as bench:
         first = palpate.run(Waiting(), bench, out=tmp_path / "run")
     again = palpate.replay(log, tmp_path / "again", Waiting)
-    assert again.run.digest() == first.run.digest()
-    assert [e["kind"] for e in again.run.events()] == ["enough"]
+    assert (again.run.digest(), [e["kind"] for e in again.run.events()]) == (first.run.digest(), ["enough"])
 
 
 @dataclass(frozen=True)

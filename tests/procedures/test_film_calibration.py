@@ -7,21 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.films import FilmCalibration
+from palpate import FilmSeries, Run, get_design, read_calibration
+from palpate.extend import Bench, DeviceError, FilmCalibration, Lab, Recorder, read_scene
+from palpate.instrument.calibration.files import write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import DeviceError
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements import work as dynamic_load
-from palpate.procedures.measurements.films import FilmSeries
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.flags import UNSETTLED
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of
 from tests.procedures.test_load_cell import CREATED
 

@@ -3,10 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import ClassVar
 
 import pytest
 from click.testing import CliRunner
@@ -15,7 +13,6 @@ from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.engine.settings import asked_of
-from palpate.procedures.lab import operator as keys
 from palpate.procedures.records.run import Run
 from tests.conftest import Install
 from tests.procedures.conftest import Benches, Palpate, refused
@@ -38,10 +35,8 @@ def relaxation(install: Install) -> Path:
 
 def test_the_settings_of_a_packages_procedure_are_options_with_their_units(relaxation: Path, palpate: Palpate) -> None:
     said = " ".join(palpate("measure", "relaxation", "--help").out.split())
-    assert "--sample TEXT [default: 2]" in said
-    assert "--force <N> With which the probe presses. [default: 2 N]" in said
-    assert "--readings INTEGER [default: 4]" in said
-    assert "--bench FILE" in said
+    assert "--sample TEXT [default: 2]" in said and "--force <N> With which the probe presses. [default: 2 N]" in said
+    assert "--readings INTEGER [default: 4]" in said and "--bench FILE" in said
 
 
 def test_it_is_planned_and_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
@@ -60,8 +55,7 @@ def test_it_is_planned_and_measures_and_interrupted_it_goes_on_and_its_log_is_re
             raise KeyboardInterrupt
 
     on_progress(stop)
-    assert palpate(*asked, "--out", "cut").status == 130
-    assert len(Run.open(Path("cut")).points()) == 1
+    assert (palpate(*asked, "--out", "cut").status, len(Run.open(Path("cut")).points())) == (130, 1)
     on_progress(silent)
     assert "procedure    relaxation, from acme-lab 1.2\n" in palpate("runs", "show", "cut").out
     rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.1"}))
@@ -70,8 +64,7 @@ def test_it_is_planned_and_measures_and_interrupted_it_goes_on_and_its_log_is_re
     rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.2"}))
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
     assert palpate("bus", "replay", "log.pcapng", "--out", "again", "--quiet").status == 0
-    assert Run.open(Path("cut")).digest() == whole.digest()
-    assert Run.open(Path("again")).points() == whole.points()
+    assert (Run.open(Path("cut")).digest(), Run.open(Path("again")).points()) == (whole.digest(), whole.points())
 
 
 ODD_VALUES = RELAXATION.replace("/ 1e9, self.load()", "/ 1e9, np.float32('nan')").replace(
@@ -103,29 +96,6 @@ def test_a_setting_of_a_base_class_is_an_option_of_all_its_procedures(install: I
     for name in names:
         assert "--rest <s>" in palpate("measure", name, "--help").out
         assert "--rest: '1 N' is in N where s belongs" in palpate("measure", name, "--rest", "1 N").complaint
-
-
-PAUSING = """
-class Pausing(Relaxation):
-    name, pausable = "pausing", True
-"""
-
-
-def test_the_key_p_pauses_it(install: Install, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
-    install("acme-lab", GROUP, {"pausing": "acme_pausing:Pausing"}, acme_pausing=RELAXATION + PAUSING)
-
-    class Once:
-        keys: ClassVar = [False, True]
-
-        def asked(self) -> bool:
-            return self.keys.pop(0)
-
-        def wait(self) -> None:
-            pass
-
-    monkeypatch.setattr(keys, "keyboard", lambda: nullcontext(Once()))
-    palpate("measure", "pausing", "--readings", "2", "--scene", "ideal", "--out", "run", "--quiet")
-    assert [event["kind"] for event in Run.open(Path("run")).events()] == ["paused", "resumed"]
 
 
 # --- what is refused -----------------------------------------------------------------------------------
@@ -213,8 +183,7 @@ def test_a_broken_package_and_two_of_one_name_are_told_and_hinder_no_other(
     listed = " ".join(palpate("measure", "--help").out.split())
     assert "twin Cannot be used: procedure 'twin': first 1.2 and second 1.2 both have one" in listed
     assert "sweep-loads Load each sample with each load set" in listed
-    assert palpate(*RELAX, "--dry-run", "--quiet").status == 0
-    assert palpate("runs", "list").status == 0
+    assert (palpate(*RELAX, "--dry-run", "--quiet").status, palpate("runs", "list").status) == (0, 0)
     completed = CliRunner().invoke(root, prog_name="palpate", env={**COMPLETING, "COMP_WORDS": "palpate measure t"})
     assert "test-modulus" in completed.output
 

@@ -8,28 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate import ModulusTest, RangeError, Run, get_design, get_sample
+from palpate.extend import Bench, Lab, LoadCellCalibration, Recorder, SafetyError, Target
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import UnreachableError
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import operator
-from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.measurements import modulus
-from palpate.procedures.measurements.modulus import ModulusResult, ModulusTest
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
+from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Benches, Palpate, refused, scene_of
 
-RESULT = {
-    "simulated", "run", "sample", "tangent_modulus_Pa", "tangent_modulus_u", "secant_modulus_Pa", "secant_modulus_u",
-    "unloading_modulus_Pa", "unloading_modulus_u", "thickness_m", "thickness_u", "bench_compliance_m_per_N",
-    "bench_compliance_u", "linearity", "energy_loss", "energy_loss_u", "thesis_modulus_Pa", "points", "budgets", "plot",
-}  # fmt: skip
 THREE = ModulusTest("1", strain=0.3, steps=3)
 
 

@@ -12,14 +12,11 @@ from typing import Any
 import pytest
 import tomli_w
 
-from palpate.instrument.errors import UsageError
-from palpate.procedures.engine.procedure import Procedure
+from palpate import PositionSweep, Run, TemperatureSweep, UsageError
+from palpate.extend import Procedure
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.operator import Mounting, at_terminal, weaker
-from palpate.procedures.measurements.position import PositionSweep
-from palpate.procedures.measurements.temperature import TemperatureSweep
-from palpate.procedures.records.run import Run
 from palpate.procedures.showing.text import where
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Benches, Palpate, refused

@@ -10,14 +10,12 @@ import numpy as np
 import pytest
 
 import palpate
-from palpate.instrument.errors import RangeError
+from palpate import PositionSweep, RangeError, get_design, get_sample
+from palpate.extend import Target
 from palpate.instrument.findings.position import locate
 from palpate.instrument.models.influence import ERROR, tooth_shares
 from palpate.instrument.quantity import parse, parse_list
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.position import PositionSweep, share_noise
+from palpate.procedures.measurements.position import share_noise
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -50,8 +48,7 @@ def test_one_load_set_is_expected_to_tell_a_place_as_sets_do_that_are_off_as_run
         apart = np.diag(np.square(noise) + ERROR**2 / 3) + scatter * np.outer(shares, shares)
         sets = shares + rng.normal(size=(400, 2)) @ np.linalg.cholesky(apart).T
         found = [locate(design, sample, (left, right), noise, scatter).u for left, right in sets]
-        assert row["unit"] == "mm"
-        assert row["u"] == pytest.approx(1e3 * math.sqrt(np.mean(np.square(found))), rel=0.1)
+        assert (row["unit"], row["u"]) == ("mm", pytest.approx(1e3 * math.sqrt(np.mean(np.square(found))), rel=0.1))
 
 
 def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can() -> None:

@@ -10,12 +10,10 @@ import pytest
 from scipy.stats import t
 
 import palpate
-from palpate.instrument.errors import RangeError, UsageError
+from palpate import LoadSweep, RangeError, UsageError, get_design
+from palpate.extend import Target
 from palpate.instrument.findings.film_forces import PRIOR_FREEDOM
 from palpate.instrument.quantity import parse_tolerance
-from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.loads import LoadSweep
 from palpate.testing import steps
 from tests.procedures.conftest import Palpate, resumed_digest
 
@@ -32,8 +30,7 @@ def sweep(tolerance: float, samples: tuple[str, ...] = ("2",)) -> LoadSweep:
 def test_a_tolerance_above_what_a_load_set_scatters_is_one_of_each_point() -> None:
     half = t.ppf(0.975, PRIOR_FREEDOM) * SINGLE.ratio_scatter  # of one load set whose noise counts for nothing
     point, mean = sweep(1.01 * half).plan(REAL), sweep(0.99 * half).plan(REAL)
-    assert point.predicted.details["tolerance_for"] == "point"
-    assert (len(point.steps), point.steps[0].dwell_s) == (2, None)
+    assert (point.predicted.details["tolerance_for"], len(point.steps), point.steps[0].dwell_s) == ("point", 2, None)
     assert mean.predicted.details["tolerance_for"] == "mean"
     assert mean.predicted.details["planned"]["2"]["sets"] == 10  # whole rounds of two loads
     assert mean.predicted.details["planned"]["2"]["binds"] == "gain scatter"
@@ -73,14 +70,6 @@ def test_pick_up_that_is_worse_than_the_tolerance_is_named_with_what_would_do() 
     with pytest.raises(RangeError, match="pick-up in step with the load leaves ± 5 %") as refused:
         sweep(0.04).plan(moving)
     assert "tie the films' cables down" in str(refused.value)
-
-
-def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets() -> None:
-    plan = sweep(0.01, ("2", "5")).plan(REAL)
-    planned = plan.predicted.details["planned"]
-    first = [s.seconds_expected for s in plan.steps if int(s.what.rpartition(" ")[2]) <= planned[s.sample]["sets"]]
-    assert len(first) == sum(each["sets"] for each in planned.values())
-    assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
 
 
 @pytest.mark.slow

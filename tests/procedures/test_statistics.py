@@ -261,8 +261,7 @@ def test_a_place_is_where_its_likelihood_says() -> None:
     found = locate(design, sample, shares, noise, scatter)
     below = np.cumsum(weight)
     best = x[weight.argmax()]
-    assert found.position == best
-    assert found.u == pytest.approx(math.sqrt(weight @ (x - best) ** 2), rel=1e-9)
+    assert (found.position, found.u) == (best, pytest.approx(math.sqrt(weight @ (x - best) ** 2), rel=1e-9))
     assert (found.low, found.high) == tuple(x[np.searchsorted(below, p)] for p in (0.025, 0.975))
 
 
