@@ -282,15 +282,21 @@ def own_store(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("PALPATE_STORE", str(tmp_path / "store"))
 
 
+def stops_after(points: int) -> Progress:
+    """A progress that interrupts a run when it has so many points."""
+
+    def stop(done: int, _all: int, _what: str) -> None:
+        if done == points:
+            raise KeyboardInterrupt
+
+    return stop
+
+
 def resumed_digest(asked: package.Procedure[Any, Any, Any], scene: str, after: int, folder: Path) -> str:
     """Of a run that is cut after so many points, and resumed."""
 
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == after:
-            raise KeyboardInterrupt
-
     with pytest.raises(KeyboardInterrupt), package.open_bench(scene=scene) as bench:
-        package.run(asked, bench, out=folder / "cut", listeners=[steps(stop)])
+        package.run(asked, bench, out=folder / "cut", listeners=[steps(stops_after(after))])
     return package.resume(folder / "cut", type(asked)).run.digest()
 
 

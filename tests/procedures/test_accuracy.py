@@ -150,8 +150,10 @@ def test_an_error_is_the_greatest_of_both_ends_and_the_middle(measured: PriceLis
     (curves,) = rows(measured, "single_round", "surface")
     middles = [0.02 * truth(m) + (own or 0.0) for m, own in zip(MIDDLES, curves.errors, strict=True)]
     greatest = [max(*pair, middle) for pair, middle in zip(itertools.pairwise(ends), middles, strict=True)]
-    assert second.errors == pytest.approx(greatest, rel=1e-12)
-    assert second.errors[0] == pytest.approx(0.02 * truth(MODULI[1]), rel=2e-2)
+    assert (second.errors, second.errors[0]) == (
+        pytest.approx(greatest, rel=1e-12),
+        pytest.approx(0.02 * truth(MODULI[1]), rel=2e-2),
+    )
     coarsest = rows(measured, "single_round", "axisymmetric")[0]
     assert coarsest.errors == pytest.approx([0.3 * truth(modulus) for modulus in MIDDLES], rel=2e-2)
 
@@ -167,8 +169,10 @@ def test_a_mesh_that_does_not_fit_is_left_in_and_the_reference_goes_without(meas
     )
     # Errors of 0.1 and 0.02 lead to none; two meshes may leave more unseen.
     for modulus, ratio, uncertainty in zip(MODULI, reference.force_ratios, reference.uncertainties, strict=True):
-        assert ratio == pytest.approx(truth(modulus), rel=1e-9)
-        assert uncertainty == pytest.approx(max(0.02 * truth(modulus), UNSEEN[2]), rel=1e-6)
+        assert (ratio, uncertainty) == (
+            pytest.approx(truth(modulus), rel=1e-9),
+            pytest.approx(max(0.02 * truth(modulus), UNSEEN[2]), rel=1e-6),
+        )
 
 
 def test_a_certified_answer_costs_all_the_meshes_that_its_estimate_needs(measured: PriceList) -> None:
@@ -225,8 +229,10 @@ def test_the_reference_of_a_round_design_is_its_finest_mesh_and_says_how_it_was_
     assert "another degree" in square.how
     # Errors of 0.1, 0.02 and 0.004 lead to none; the second way is 1e-5 off.
     at = MODULI.index(TIMED)
-    assert square.force_ratios[at] == pytest.approx(truth(TIMED), rel=1e-9)
-    assert square.uncertainties[at] == pytest.approx(0.004 * truth(TIMED), rel=1e-3)
+    assert (square.force_ratios[at], square.uncertainties[at]) == (
+        pytest.approx(truth(TIMED), rel=1e-9),
+        pytest.approx(0.004 * truth(TIMED), rel=1e-3),
+    )
 
 
 def test_a_closed_form_is_looked_at_between_the_moduli(measured: PriceList) -> None:
@@ -280,8 +286,10 @@ def test_prices_of_one_design_take_the_place_of_its_stored_ones(
     kept = stored.__wrapped__()
     assert kept.of(["single"]) == fresh != old.of(["single"])
     others = list(dict.fromkeys(price.design for price in old.prices if price.design != "single"))
-    assert kept.of(others) == old.of(others)
-    assert [reference.design for reference in kept.references] == [reference.design for reference in old.references]
+    assert (kept.of(others), [reference.design for reference in kept.references]) == (
+        old.of(others),
+        [reference.design for reference in old.references],
+    )
 
 
 def test_prices_of_another_machine_are_refused_before_anything_is_measured(
@@ -292,8 +300,15 @@ def test_prices_of_another_machine_are_refused_before_anything_is_measured(
     monkeypatch.setattr(measuring, "measure", lambda *_: pytest.fail("measured"))
     said = palpate(*NUMERICS, "--design", "single", "--store")
     assert said.status == 2
-    assert f"are of {stored().machine.cpu}" in said.complaint and "this is abacus" in said.complaint
-    assert "measure all designs anew: palpate accuracy numerics --store" in said.complaint
+    assert [
+        text
+        for text in (
+            f"are of {stored().machine.cpu}",
+            "this is abacus",
+            "measure all designs anew: palpate accuracy numerics --store",
+        )
+        if text not in said.complaint
+    ] == []
 
 
 @pytest.mark.parametrize(

@@ -18,7 +18,7 @@ from palpate import LoadSweep, Run, open_bench, run
 from palpate.extend import Recorder
 from palpate.instrument.arithmetic import KERNELS, alike, arithmetic, same_arithmetic
 from palpate.instrument.models.response import RatioQuestion, ask
-from tests.procedures.conftest import HEADER, Palpate
+from tests.procedures.conftest import HEADER, Palpate, stops_after
 from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
@@ -147,11 +147,7 @@ def cut(palpate: Palpate, on_progress: Any) -> Callable[..., Any]:
     """Resumes a run that was stopped at its first point, with another arithmetic and another point in its record."""
 
     def resume(factor: float, **other: str) -> Any:
-        def report(done: int, _total: int, _what: str) -> None:
-            if done == 1:
-                raise KeyboardInterrupt
-
-        on_progress(report)
+        on_progress(stops_after(1))
         assert palpate(*SWEEP, "--out", "cut").status == 130
         on_progress(lambda *_: None)
 

@@ -78,14 +78,6 @@ def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:
     assert asked.found(at_one_load) == []
 
 
-def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
-    asked = repeats(None, 160.0)
-    left = 160.0 - asked.after
-    assert not asked.has_enough(rounds(1, 0.02, (left - 20) / 3))
-    assert asked.has_enough(rounds(1, 0.02, (left - 2) / 3))
-    assert asked.stopped([("rigid", 0.1)]) == "another round of loads would not have ended within 160 s"
-
-
 def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:
     each = repeats().costs.set + ASKED.dwell
     two = repeats().costs.start + 2 * len(LOADS) * each

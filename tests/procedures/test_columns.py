@@ -76,8 +76,10 @@ def test_a_new_column_of_a_sweep_is_one_place(install: Install, palpate: Palpate
     heads, units, _, row = (line.split() for line in lines[2:6])
     assert (heads, units) == (["settled"], ["ratio", "ms"])
     (point,) = palpate("measure", "waiting", "--scene", "ideal", "--out", "told", "--json").object["points"]
-    assert row == [f"{point['force_ratio']:.4f}", f"{1e3 * point['settling_s']:.0f}"]
-    assert list(point) == ["sample", "force_ratio", "settling_s", "settling_u"]
+    assert (row, list(point)) == (
+        [f"{point['force_ratio']:.4f}", f"{1e3 * point['settling_s']:.0f}"],
+        ["sample", "force_ratio", "settling_s", "settling_u"],
+    )
 
 
 def test_it_is_recorded_and_a_dataset_says_what_it_is(install: Install, palpate: Palpate) -> None:
@@ -163,8 +165,10 @@ def test_a_table_too_wide_for_the_terminal_is_printed_in_blocks_that_repeat_its_
     lines = [line for line in capsys.readouterr().out.splitlines() if line.strip()]
     assert all(len(line.rstrip()) <= width for line in lines)
     heads = [line.split() for line in lines if "quantity_" in line]
-    assert len(heads) == {20: 20, 40: 10, 80: 4, 400: 1}[width]
-    assert [name for head in heads for name in head if name != "id"] == list(COLUMNS[1:])
+    assert (len(heads), [name for head in heads for name in head if name != "id"]) == (
+        {20: 20, 40: 10, 80: 4, 400: 1}[width],
+        list(COLUMNS[1:]),
+    )
     assert {head[0] for head in heads} == {"id"}
     cells = [line.split()[1:] for line in lines if line.split()[0] == "1"]
     assert ([cell for some in cells for cell in some], lines[0].strip()) == ([f"1.{n}" for n in range(20)], "T")

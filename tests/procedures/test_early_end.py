@@ -16,7 +16,7 @@ from palpate.instrument.models.response import RatioQuestion
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install
 from palpate.testing import steps
-from tests.procedures.conftest import HEADER
+from tests.procedures.conftest import HEADER, stops_after
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -158,10 +158,6 @@ class Asking(Waiting):
 def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
     tmp_path: Path, began_with: float | None
 ) -> None:
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
     def store(scatter: float, created: str) -> None:
         install(MountingScatterCalibration(
             means_u=scatter, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="20260101",
@@ -171,7 +167,7 @@ def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
     if began_with is not None:
         store(began_with, "2026-01-01")
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Asking(), bench, out=tmp_path / "cut", listeners=[steps(stop)])
+        palpate.run(Asking(), bench, out=tmp_path / "cut", listeners=[steps(stops_after(2))])
     store(0.05, "2026-01-02")
     assert palpate.resume(tmp_path / "cut", Asking).result.values == {"scatter": began_with}
     with palpate.open_bench(scene="ideal") as bench:

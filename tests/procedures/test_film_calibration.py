@@ -42,8 +42,10 @@ def test_crosstalk_and_clamping_of_a_scene_are_found(tmp_path: Path) -> None:
         lab = Lab(bench, get_design("common_base"), IDEAL_CALIBRATION, run="run", started=CREATED)
         result = conduct(SERIES, lab, record)
     found = result.calibration
-    assert [film.clamping for film in found.films] == pytest.approx([0.5, 0.5, 1.0], rel=2e-3)
-    assert np.array(found.crosstalk) == pytest.approx(np.array([[1, 0.052], [0.052, 1]]), abs=5e-4)
+    assert ([film.clamping for film in found.films], np.array(found.crosstalk)) == (
+        pytest.approx([0.5, 0.5, 1.0], rel=2e-3),
+        pytest.approx(np.array([[1, 0.052], [0.052, 1]]), abs=5e-4),
+    )
     assert (found.device, found.expires) == (bench.device("sensor_node_1").serial, "2026-03-14")
     stored = Run.open(tmp_path / "run").points()
     assert [(p["tooth"], p["load_N"]) for p in stored] == [(t, n) for t in (1, 2) for n in (2.0, 3.0, 4.0)]

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 import numpy as np
 import pytest
 
-from palpate import LoadSweep, RangeError, Run, get_design
+from palpate import FrequencySweep, LoadSweep, RangeError, Run, SoftnessTest, get_design, get_sample
 from palpate.extend import Bench, DeviceError, Films, LoadServo, Recorder
 from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.signals.dwell import RequiredDwell
@@ -160,9 +160,13 @@ def test_a_bad_sample_is_left_out_its_record_repeated_and_the_point_flagged_wher
 ) -> None:
     signals.bad = {number: (1, slice(20, 40), value) for number in dwells}
     point, events = measured(signals, Held(), tmp_path / "run")
-    assert (point.valid, point.flags, point.attempts) == (valid, () if valid else (flag,), attempts)
-    assert events == [f"a point, attempt {number}: {flag}" for number in range(1, attempts)]
-    assert point.fit.amplitude == pytest.approx(TRUE)
+    assert (point.valid, point.flags, point.attempts, events, point.fit.amplitude) == (
+        valid,
+        () if valid else (flag,),
+        attempts,
+        [f"a point, attempt {number}: {flag}" for number in range(1, attempts)],
+        pytest.approx(TRUE),
+    )
 
 
 def test_a_load_that_drifts_off_is_set_anew(signals: Signals, tmp_path: Path) -> None:
@@ -324,6 +328,7 @@ def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its
     )
     target = replace(Chosen(known, None).target, drivable=lambda _frequency: None)
     assert (target.nodes, target.channels) == (3, 8)
-    LoadSweep().check(target)
-    with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):
-        LoadSweep().check(replace(target, channels=4))
+    for asked in (LoadSweep(), FrequencySweep((1.0, 2.0, 3.0)), SoftnessTest((get_sample("1"),))):
+        asked.check(target)
+        with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):
+            asked.check(replace(target, channels=4))

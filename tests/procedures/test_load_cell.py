@@ -54,8 +54,10 @@ def calibrated(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> list[L
 def test_the_sensitivity_is_that_of_table_5_1(calibrated: list[LoadCellResult]) -> None:
     for result in calibrated:
         summary = result.summary()
-        assert summary["sensitivity_mV_per_N"] == pytest.approx(10.3, abs=0.1)
-        assert summary["zero_mV"] == pytest.approx(1.81, abs=0.5)
+        assert (summary["sensitivity_mV_per_N"], summary["zero_mV"]) == (
+            pytest.approx(10.3, abs=0.1),
+            pytest.approx(1.81, abs=0.5),
+        )
 
 
 def test_the_stated_uncertainties_cover_what_the_scene_holds(calibrated: list[LoadCellResult]) -> None:
@@ -70,23 +72,6 @@ def test_the_stated_uncertainties_cover_what_the_scene_holds(calibrated: list[Lo
     found = [r.summary()["sensitivity_u"] for r in calibrated]
     assert sum(found) / 5 == pytest.approx(0.0230, rel=0.1)
     assert min(found) > 0.018
-
-
-def test_linearity_and_reversibility_are_fractions_of_the_span(calibrated: list[LoadCellResult]) -> None:
-    for result in calibrated:
-        summary, c = result.summary(), result.calibration
-        span = c.sensitivity_mV_per_N * (0.740 - 0.140) * 9.80665
-        mean = {
-            p.load_gf: [q.reading_mV for q in result.points if q.load_gf == p.load_gf]
-            for p in result.points
-            if p.load_gf
-        }
-        deviations = [sum(y) / 2 - c.reading(1e-3 * gf * 9.80665) for gf, y in mean.items()]
-        assert summary["linearity"] == pytest.approx(max(map(abs, deviations)) / span)
-        assert summary["reversibility"] == pytest.approx(max(abs(up - down) for up, down in mean.values()) / span)
-        assert 0 < summary["linearity"] < 0.01
-        assert 0 < summary["reversibility"] < 0.02
-        assert (summary["resolution"], summary["resolution_N"]) == (1.0, pytest.approx(0.097, abs=0.001))
 
 
 def test_weights_go_up_and_down_as_in_table_5_1_and_every_reading_is_kept(
@@ -150,13 +135,18 @@ ISO_SERIES = LoadCellSeries(tuple(range(1, 9)), runs=2, positions=(120.0, 240.0)
 def test_a_cell_that_creeps_and_depends_on_its_position_is_found_out_and_classified(tmp_path: Path) -> None:
     cell = calibrate(scene_of(GOOD_CELL, tmp_path), tmp_path / "run", ISO_SERIES).calibration
     # of the sensitivity: sin 120° less sin 240°
-    assert cell.reproducibility == pytest.approx(0.0005 * math.sqrt(3), rel=0.1)
-    assert cell.creep == pytest.approx(0.0004 * (math.exp(-0.6) - math.exp(-6)), rel=0.03)
-    assert cell.sensitivity_u == pytest.approx(10.306 * 0.0005 * math.sqrt(3 / 2), rel=0.02)
+    assert (cell.reproducibility, cell.creep, cell.sensitivity_u) == (
+        pytest.approx(0.0005 * math.sqrt(3), rel=0.1),
+        pytest.approx(0.0004 * (math.exp(-0.6) - math.exp(-6)), rel=0.03),
+        pytest.approx(10.306 * 0.0005 * math.sqrt(3 / 2), rel=0.02),
+    )
     assert cell.repeatability is not None
     assert 0 < cell.repeatability < 5e-4
-    assert (cell.iso_376.name, cell.iso_376.greatest_N) == ("0.5", 8.0)
-    assert cell.astm_e74.reason == "ASTM E74 asks for 30 readings at 10 loads, not 64 at 8"
+    assert (cell.iso_376.name, cell.iso_376.greatest_N, cell.astm_e74.reason) == (
+        "0.5",
+        8.0,
+        "ASTM E74 asks for 30 readings at 10 loads, not 64 at 8",
+    )
     assert cell.expires == "2025-04-13"
 
 
@@ -169,8 +159,10 @@ def test_a_cell_without_creep_and_positions_is_the_same_bit_for_bit() -> None:
 def test_creep_comes_with_its_time_constant_and_goes_with_the_weight() -> None:
     cell = LoadCell.model_validate({"creep": 0.01, "creep_time": "50 s"})
     on, off = (0, 4.0), (10**12, -4.0)
-    assert cell.crept(4.0, [on], 0) == 4.0
-    assert cell.crept(4.0, [on], 50 * 10**9) == pytest.approx(4 + 0.04 * (1 - math.exp(-1)))
+    assert (cell.crept(4.0, [on], 0), cell.crept(4.0, [on], 50 * 10**9)) == (
+        4.0,
+        pytest.approx(4 + 0.04 * (1 - math.exp(-1))),
+    )
     assert cell.crept(0.0, [on, off], off[0] + 50 * 10**9) == pytest.approx(0.04 * math.exp(-1))
 
 
@@ -218,8 +210,15 @@ def test_the_certificate_holds_the_readings_the_results_and_says_simulated(palpa
     for text in (markdown, page):
         assert "SIMULATED" in text and "SIM-SI-0001" in text
         assert result["expires"] in text
-        assert "not classifiable" in text and f"{result['sensitivity_mV_per_N']:.5g}" in text
-        assert f"{k * result['sensitivity_u']:.2g}" in text
+        assert [
+            each
+            for each in (
+                "not classifiable",
+                f"{result['sensitivity_mV_per_N']:.5g}",
+                f"{k * result['sensitivity_u']:.2g}",
+            )
+            if each not in text
+        ] == []
     for point in result["points"]:
         readings = " ".join(f"{value:g}" for value in point["readings_mV"])
         assert f"{point['load_gf']:g} | {point['load_N']:.5f} | {point['reading_mV']:.4f} | {readings} |" in markdown
@@ -250,13 +249,17 @@ def test_a_certificate_is_a_digital_calibration_certificate_by_schema_and_rules_
     values = [float(each.text or "") for each in root.iterfind(f".//{names['si']}real/{names['si']}value")]
     expanded = [float(each.text or "") for each in root.iter(f"{names['si']}valueExpandedMU")]
     factors = [float(each.text or "") for each in root.iter(f"{names['si']}coverageFactor")]
-    assert values[0] == result["sensitivity_mV_per_N"]
-    assert expanded[0] / factors[0] == pytest.approx(result["sensitivity_u"])
+    assert (values[0], expanded[0] / factors[0]) == (
+        result["sensitivity_mV_per_N"],
+        pytest.approx(result["sensitivity_u"]),
+    )
     contents = [each.text for each in root.iter(f"{names['dcc']}content")]
     assert "SIMULATED" in contents and "not measured" in contents
     assert not [each for each in contents if each and each.endswith("-")]
-    assert contents[2:5] == (["Soft & Co", "<b>", "C"] if about else ["not recorded"] * 3)
-    assert root.findtext(f".//{names['dcc']}countryCodeISO3166_1") == ("DE" if about else "ZZ")
+    assert (contents[2:5], root.findtext(f".//{names['dcc']}countryCodeISO3166_1")) == (
+        ["Soft & Co", "<b>", "C"] if about else ["not recorded"] * 3,
+        "DE" if about else "ZZ",
+    )
 
 
 # --- from the command line to the next sweep -----------------------------------------------------------

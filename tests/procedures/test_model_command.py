@@ -87,8 +87,10 @@ def test_an_option_overrides_the_parameter_set(palpate: Palpate, design: str) ->
     wide = (*COLUMN, "--design", design, "--parameters", "thesis")
     (own,) = palpate(*wide).object["points"]
     (given,) = palpate(*wide, "--sensed-thickness", "2 mm", "--compliant-modulus", "33 kPa").object["points"]
-    assert own["force_ratio"] == pytest.approx(column(1e5, thickness=0.55e-3), rel=1e-12)
-    assert given["force_ratio"] == pytest.approx(column(1e5, 33e3, 2e-3), rel=1e-12)
+    assert (own["force_ratio"], given["force_ratio"]) == (
+        pytest.approx(column(1e5, thickness=0.55e-3), rel=1e-12),
+        pytest.approx(column(1e5, 33e3, 2e-3), rel=1e-12),
+    )
 
 
 def test_what_a_closed_form_leaves_out_is_told_where_it_is_priced_and_nowhere_else(palpate: Palpate) -> None:
@@ -206,17 +208,27 @@ def column_modulus(ratio: float) -> float:
 def test_each_ratio_gets_its_modulus_or_a_bound(palpate: Palpate) -> None:
     said = palpate(*MODULUS, "--force-ratio", "0.31,0.99, 0.081, 0.05", "--uncertainty", "0.005", "--design", "single")
     inside, hard, soft, outside = said.object["points"]
-    assert inside["modulus_Pa"] == pytest.approx(column_modulus(0.31), rel=1e-9)
-    assert inside["scale_low_Pa"] == pytest.approx(column_modulus(0.31 - 1.959963985 * 0.005), rel=1e-6)
-    assert inside["scale_high_Pa"] == pytest.approx(column_modulus(0.31 + 1.959963985 * 0.005), rel=1e-6)
-    assert inside["sensitivity"] == pytest.approx(0.31 * (1 - AREA_SHARE) / ((0.31 - AREA_SHARE) * 0.69), rel=1e-8)
-    assert (inside["kind"], inside["note"], inside["model"]) == ("interval", "", "column")
+    assert (inside["modulus_Pa"], inside["scale_low_Pa"], inside["scale_high_Pa"]) == (
+        pytest.approx(column_modulus(0.31), rel=1e-9),
+        pytest.approx(column_modulus(0.31 - 1.959963985 * 0.005), rel=1e-6),
+        pytest.approx(column_modulus(0.31 + 1.959963985 * 0.005), rel=1e-6),
+    )
+    assert (inside["sensitivity"], inside["kind"], inside["note"], inside["model"]) == (
+        pytest.approx(0.31 * (1 - AREA_SHARE) / ((0.31 - AREA_SHARE) * 0.69), rel=1e-8),
+        "interval",
+        "",
+        "column",
+    )
     assert (hard["modulus_Pa"], hard["scale_high_Pa"], hard["kind"]) == (None, None, "at least")
-    assert hard["scale_low_Pa"] == pytest.approx(column_modulus(0.99 - 1.959963985 * 0.005), rel=1e-5)
-    assert hard["note"] == "1 % of the ratio is 100 % of the modulus here"
+    assert (hard["scale_low_Pa"], hard["note"]) == (
+        pytest.approx(column_modulus(0.99 - 1.959963985 * 0.005), rel=1e-5),
+        "1 % of the ratio is 100 % of the modulus here",
+    )
     assert (soft["modulus_Pa"], soft["scale_low_Pa"], soft["kind"]) == (None, None, "at most")
-    assert soft["scale_high_Pa"] == pytest.approx(column_modulus(0.081 + 1.959963985 * 0.005), rel=1e-6)
-    assert outside["kind"] == "at most"
+    assert (soft["scale_high_Pa"], outside["kind"]) == (
+        pytest.approx(column_modulus(0.081 + 1.959963985 * 0.005), rel=1e-6),
+        "at most",
+    )
     assert outside["note"].startswith("the model's ratios are 0.0794")
     assert outside["sensitivity"] is None
 
@@ -237,9 +249,11 @@ def test_the_interval_holds_what_the_model_leaves_out_where_it_is_priced(palpate
     ).object["points"]  # fmt: skip
     assert point["model_error"] == pytest.approx(of_ratio["model_error"] * of_ratio["force_ratio"])
     spread = 1.959963985 * 0.005 + point["model_error"]
-    assert point["modulus_Pa"] == pytest.approx(column_modulus(0.31), rel=1e-9)
-    assert point["scale_low_Pa"] == pytest.approx(column_modulus(0.31 - spread), rel=1e-6)
-    assert point["scale_high_Pa"] == pytest.approx(column_modulus(0.31 + spread), rel=1e-6)
+    assert (point["modulus_Pa"], point["scale_low_Pa"], point["scale_high_Pa"]) == (
+        pytest.approx(column_modulus(0.31), rel=1e-9),
+        pytest.approx(column_modulus(0.31 - spread), rel=1e-6),
+        pytest.approx(column_modulus(0.31 + spread), rel=1e-6),
+    )
 
 
 def test_an_interval_that_the_models_error_carries_to_a_greater_one_holds_that(palpate: Palpate) -> None:
@@ -284,8 +298,10 @@ def test_the_absolute_interval_has_the_degrees_of_freedom_of_ratio_and_validatio
     known = together**4 / (0.2**4 / 3 + line.u**4 / 6)  # Welch and Satterthwaite
     reach = math.exp(together * scipy.stats.t.ppf(0.975, known))
     low, high = 0.31 / reach - point["curve_error"], 0.31 * reach + point["curve_error"]
-    assert point["absolute_low_Pa"] == pytest.approx(column_modulus(low), rel=1e-5)
-    assert point["absolute_high_Pa"] == pytest.approx(column_modulus(high), rel=1e-5)
+    assert (point["absolute_low_Pa"], point["absolute_high_Pa"]) == (
+        pytest.approx(column_modulus(low), rel=1e-5),
+        pytest.approx(column_modulus(high), rel=1e-5),
+    )
 
 
 @pytest.mark.parametrize(
@@ -399,8 +415,15 @@ def test_a_value_outside_its_limits(palpate: Palpate, command: str, option: str,
 @pytest.mark.parametrize("command", COMMANDS)
 def test_a_tolerance_that_no_model_meets_names_the_best_there_is(palpate: Palpate, command: str) -> None:
     complaint = refused_by(palpate, command, "--tolerance", "1e-9")
-    assert "tolerance 1e-09: no model meets it for design 'single'" in complaint
-    assert "the best is 'surface', ± 0.0" in complaint and "; give --tolerance 0.0" in complaint
+    assert [
+        text
+        for text in (
+            "tolerance 1e-09: no model meets it for design 'single'",
+            "the best is 'surface', ± 0.0",
+            "; give --tolerance 0.0",
+        )
+        if text not in complaint
+    ] == []
 
 
 @pytest.mark.parametrize("command", COMMANDS)
@@ -485,8 +508,10 @@ DOCUMENT = Path(__file__).parents[2] / "docs" / "validation.md"
 
 def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: Palpate) -> None:
     found = palpate("model", "validation", "--json").object
-    assert found.keys() == {"sign", "models"}
-    assert found["sign"] == "model less measured mean, in percent of the measured mean"
+    assert (found.keys(), found["sign"]) == (
+        {"sign", "models"},
+        "model less measured mean, in percent of the measured mean",
+    )
     assert {(m["design"], m["model"]) for m in found["models"]} == {
         (design, model) for design in ("single", "common_base", "different_base") for model in MODELS
     }
@@ -501,9 +526,16 @@ def test_every_model_stands_beside_the_experiments_of_each_arrangement(palpate: 
 
 def test_people_read_the_distance_sample_by_sample_and_why_there_is_none(palpate: Palpate) -> None:
     said = palpate("model", "validation", "--design", "common_base").out
-    assert "model less measured mean" in said and "worst" in said
-    assert "experiment, physical: input: the model is given the measured means" in said
-    assert "axisymmetric, physical: none: design 'common_base' has 2 teeth" in said
+    assert [
+        text
+        for text in (
+            "model less measured mean",
+            "worst",
+            "experiment, physical: input: the model is given the measured means",
+            "axisymmetric, physical: none: design 'common_base' has 2 teeth",
+        )
+        if text not in said
+    ] == []
 
 
 @pytest.mark.parametrize(

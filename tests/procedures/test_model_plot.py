@@ -141,8 +141,10 @@ def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPa
     }  # fmt: skip
     assert np.array(section.teeth) == pytest.approx(np.array([[4.6e-3, 7.4e-3], [16.6e-3, 19.4e-3]]))
     # Symmetric about the middle, and harder on the teeth than beside them.
-    assert section.x + section.x[::-1] == pytest.approx(np.full(len(section.x), 24e-3))
-    assert section.pressure == pytest.approx(section.pressure[::-1])
+    assert (section.x + section.x[::-1], section.pressure) == (
+        pytest.approx(np.full(len(section.x), 24e-3)),
+        pytest.approx(section.pressure[::-1]),
+    )
     on_teeth = np.abs(section.x % 12e-3 - 6e-3) < 1.4e-3
     assert section.pressure[on_teeth].min() > section.mean > np.median(section.pressure[~on_teeth])
     assert (deformed.get_xlabel(), pressure.get_xlim()) == ("place along the sensor (mm)", (0, 24))

@@ -54,8 +54,10 @@ def test_the_modulus_is_that_of_the_sample_and_every_step_is_kept(
         assert abs(found.value - true) < 3 * found.u
         assert found.u < 0.1 * true
     run = Run.open(tmp_path / "run")
-    assert run.summary == result.summary()
-    assert [p["series"] for p in run.points()] == [*3 * ["bare"], *3 * ["loading"], *3 * ["unloading"]]
+    assert (run.summary, [p["series"] for p in run.points()]) == (
+        result.summary(),
+        [*3 * ["bare"], *3 * ["loading"], *3 * ["unloading"]],
+    )
     assert [p.strain for p in c.points if p.direction == "loading"] == pytest.approx([0.1, 0.2, 0.3], abs=0.04)
 
 

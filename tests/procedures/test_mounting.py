@@ -94,8 +94,10 @@ def test_a_changer_that_is_absent_mounts_nothing(palpate: Palpate, headless: str
 
 def test_what_is_assumed_is_told_by_the_record_the_report_and_json(palpate: Palpate, headless: str) -> None:
     said = palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--out", "first", "--json")
-    assert said.err == "assumed, as --assume-mounted asks: Mount sample 1 (white silicone rubber, 3 mm)\n"
-    assert said.object["mounting"] == "assumed"
+    assert (said.err, said.object["mounting"]) == (
+        "assumed, as --assume-mounted asks: Mount sample 1 (white silicone rubber, 3 mm)\n",
+        "assumed",
+    )
     assert where(said.object, Path("plot.png"))[1] == "mounting       ASSUMED, nobody has confirmed it"
     assert Run.open(Path("first")).header["mounting"] == "assumed"
     assert "mounting     ASSUMED, nobody has confirmed it\n" in palpate("runs", "show", "first").out

@@ -110,8 +110,10 @@ def test_the_command_joins_all_tasks_in_one_schema_with_a_picture(palpate: Palpa
     for task in found["tasks"]:
         assert task.keys() == {"task", "clock", "reference", "ways"}
         for way in task["ways"]:
-            assert way.keys() == {"method", "setting", "error", "seconds", "failure", "front"}
-            assert (way["error"] is None) == bool(way["failure"])
+            assert (way.keys(), way["error"] is None) == (
+                {"method", "setting", "error", "seconds", "failure", "front"},
+                bool(way["failure"]),
+            )
     failed = [(way["method"], way["failure"]) for task in found["tasks"] for way in task["ways"] if way["failure"]]
     assert failed[-1] == ("Bouc-Wen, explicit Euler", "runs away")
 

@@ -95,9 +95,11 @@ def test_a_load_line_is_a_regression_whose_scatter_passes_an_f_test() -> None:
         sd = expected.stderr * np.linalg.norm(positions - positions.mean())
         larger = scipy.stats.f.sf((sd / known) ** 2, positions.size - 2, freedom) <= SIGNIFICANCE
         by_residuals.append(bool(larger))
-        assert found.slope == pytest.approx(expected.slope, rel=1e-9)
-        assert found.slope_u == pytest.approx(expected.stderr * (1 if larger else known / sd), rel=1e-9)
-        assert found.degrees_of_freedom == (positions.size - 2 if larger else freedom)
+        assert (found.slope, found.slope_u, found.degrees_of_freedom) == (
+            pytest.approx(expected.slope, rel=1e-9),
+            pytest.approx(expected.stderr * (1 if larger else known / sd), rel=1e-9),
+            positions.size - 2 if larger else freedom,
+        )
     assert set(by_residuals) == {False, True}
 
 
@@ -142,8 +144,10 @@ def test_the_crosstalk_of_films_has_the_standard_error_of_its_mean() -> None:
     for film in (0, 1):
         own = [r.voltage[film] / r.load for r in readings if r.tooth == film]
         heard = [r.voltage[film] / r.load for r in readings if r.tooth != film]
-        assert found.crosstalk[film][1 - film] == pytest.approx(np.mean(heard) / np.mean(own))
-        assert found.crosstalk_u[film][1 - film] == pytest.approx(scipy.stats.sem(heard) / np.mean(own))
+        assert (found.crosstalk[film][1 - film], found.crosstalk_u[film][1 - film]) == (
+            pytest.approx(np.mean(heard) / np.mean(own)),
+            pytest.approx(scipy.stats.sem(heard) / np.mean(own)),
+        )
 
 
 def test_white_and_falling_noise_are_told_apart_as_likelihood_does() -> None:
@@ -185,8 +189,10 @@ def test_a_modulus_has_the_uncertainty_of_its_ratio_and_of_its_model() -> None:
     ratio = gtc.ureal(0.4, 0.01, 6) + gtc.ureal(0, 0.02) + gtc.ureal(0, gtc.type_b.uniform(0.003))
     for found, factor in ((on_scale, 1.0), (absolute, gtc.exp(gtc.ureal(0, 0.24, 6)))):
         modulus = 50e3 * (ratio * factor / 0.4) ** 1.7
-        assert (found.value, found.u) == pytest.approx((modulus.x, modulus.u), rel=1e-9)
-        assert found.degrees_of_freedom == pytest.approx(modulus.df, rel=1e-6)
+        assert ((found.value, found.u), found.degrees_of_freedom) == (
+            pytest.approx((modulus.x, modulus.u), rel=1e-9),
+            pytest.approx(modulus.df, rel=1e-6),
+        )
 
 
 def test_means_that_are_called_apart_are_so_by_welchs_test() -> None:
