@@ -328,7 +328,7 @@ def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its
     )
     target = replace(Chosen(known, None).target, drivable=lambda _frequency: None)
     assert (target.nodes, target.channels) == (3, 8)
-    for asked in (LoadSweep(), FrequencySweep((1.0, 2.0, 3.0)), SoftnessTest((get_sample("1"),))):
+    for asked in (LoadSweep(), FrequencySweep((1.0, 2.0, 3.0)), SoftnessTest((get_sample("1"),), model="column")):
         asked.check(target)
         with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):
             asked.check(replace(target, channels=4))
