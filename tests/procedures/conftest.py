@@ -310,11 +310,16 @@ def interrupt_at(points: int) -> Progress:
     return stop
 
 
-def resumes_to_the_same(asked: package.Procedure[Any, Any, Any], scene: str, after: int, folder: Path) -> bool:
-    """Whether a run that is cut after so many points resumes to the digest of one that is not cut."""
+def resumed_digest(asked: package.Procedure[Any, Any, Any], scene: str, after: int, folder: Path) -> str:
+    """Of a run that is cut after so many points, and resumed."""
 
-    with package.open_bench(scene=scene) as bench:
-        whole = package.run(asked, bench, out=folder / "whole")
     with pytest.raises(KeyboardInterrupt), package.open_bench(scene=scene) as bench:
         package.run(asked, bench, out=folder / "cut", listeners=[steps(interrupt_at(after))])
-    return package.resume(folder / "cut").run.digest() == whole.run.digest()
+    return package.resume(folder / "cut", type(asked)).run.digest()
+
+
+def resumes_to_the_same(asked: package.Procedure[Any, Any, Any], scene: str, after: int, folder: Path) -> bool:
+    """Whether a run that is cut after so many points resumes to the digest of one that is not cut."""
+    with package.open_bench(scene=scene) as bench:
+        whole = package.run(asked, bench, out=folder / "whole")
+    return resumed_digest(asked, scene, after, folder) == whole.run.digest()

@@ -14,12 +14,11 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate import LoadSweep, open_bench, run
+from palpate import LoadSweep, Run, open_bench, run
+from palpate.extend import Recorder
 from palpate.instrument.arithmetic import KERNELS, alike, arithmetic, same_arithmetic
 from palpate.instrument.models.response import RatioQuestion, ask
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
-from tests.procedures.conftest import HEADER, Palpate
+from tests.procedures.conftest import HEADER, Palpate, interrupt_at
 from tests.runs import rehash
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--quiet")
@@ -37,9 +36,8 @@ def digest(folder: Path, kernel: str, threads: str, without: str = "") -> tuple[
     command = (sys.executable, "-c", code, *SWEEP, "--scene", "thesis_single", "--out", str(folder))
     kernels = {"OPENBLAS_CORETYPE": kernel, "OPENBLAS_NUM_THREADS": threads, "NPY_DISABLE_CPU_FEATURES": without}
     subprocess.run(command, env={**os.environ, **kernels}, check=True, cwd=folder.parent, timeout=50)
-    run = Run.open(folder)
-    header: Any = run.header
-    return run.digest(), header["arithmetic"]
+    run: Any = Run.open(folder)
+    return run.digest(), run.header["arithmetic"]
 
 
 SCRIPT = """
@@ -58,26 +56,19 @@ def scripted(folder: Path, script: str) -> Run:
     return Run.open(folder)
 
 
-@pytest.mark.slow
 @x86_64
-def test_a_script_and_a_test_that_import_palpate_first_give_the_same_bytes(tmp_path: Path) -> None:
-    script = scripted(tmp_path / "script", SCRIPT)
+@pytest.mark.slow
+def test_command_script_and_test_give_the_same_bytes_and_numpy_first_gives_the_same_signals(tmp_path: Path) -> None:
+    script, numpy = scripted(tmp_path / "script", SCRIPT), scripted(tmp_path / "numpy", "import numpy" + SCRIPT)
+    command = (sys.executable, "-c", "from palpate.procedures.commands import main; main()", *SWEEP, "--seed", "4")
+    subprocess.run([*command, "--out", str(tmp_path / "command")], check=True, cwd=tmp_path, timeout=50)
     with open_bench(scene="thesis_single", seed=4) as bench:
         run(LoadSweep(samples=("1",), loads=(2.0, 3.0), dwell=0.2), bench, out=tmp_path / "test")
     test = Run.open(tmp_path / "test")
     assert script.header["arithmetic"] == test.header["arithmetic"] == arithmetic()
     assert "Nehalem, 1 threads" in arithmetic()["blas"]
     assert arithmetic()["vectors"] == "X86_V2"
-    assert script.digest() == test.digest()
-
-
-@x86_64
-@pytest.mark.slow
-def test_a_command_gives_the_bytes_of_a_script_and_numpy_first_gives_the_same_signals(tmp_path: Path) -> None:
-    script, numpy = scripted(tmp_path / "script", SCRIPT), scripted(tmp_path / "numpy", "import numpy" + SCRIPT)
-    command = (sys.executable, "-c", "from palpate.procedures.commands import main; main()", *SWEEP, "--seed", "4")
-    subprocess.run([*command, "--out", str(tmp_path / "command")], check=True, cwd=tmp_path, timeout=50)
-    assert Run.open(tmp_path / "command").digest() == script.digest()
+    assert script.digest() == test.digest() == Run.open(tmp_path / "command").digest()
     assert numpy.signal_digest() == script.signal_digest()
 
 
@@ -156,11 +147,7 @@ def cut(palpate: Palpate, on_progress: Any) -> Callable[..., Any]:
     """Resumes a run that was stopped at its first point, with another arithmetic and another point in its record."""
 
     def resume(factor: float, **other: str) -> Any:
-        def report(done: int, _total: int, _what: str) -> None:
-            if done == 1:
-                raise KeyboardInterrupt
-
-        on_progress(report)
+        on_progress(interrupt_at(1))
         assert palpate(*SWEEP, "--out", "cut").status == 130
         on_progress(lambda *_: None)
 
@@ -180,17 +167,14 @@ def test_a_run_goes_on_under_another_arithmetic_and_says_so(cut: Callable[..., A
     assert {"machine", "processor", "blas", "vectors", "libm"} == arithmetic().keys()
     assert all(arithmetic()[key] for key in ("machine", "blas", "vectors", "libm"))
     (told,) = [event["message"] for event in run.events() if event["kind"] == "changed"]
-    assert "Haswell, 8 threads" in told
-    assert "compared to 1e-06 of each number" in told
+    assert "Haswell, 8 threads" in told and "compared to 1e-06 of each number" in told
 
 
 @pytest.mark.slow
-def test_another_result_under_another_arithmetic_is_refused(cut: Callable[..., Any]) -> None:
-    said = cut(TOO_FAR, blas="openblas 0.3 Haswell, 8 threads")
-    assert said.status == 1
-    assert "point 1 is not what the bench gives now" in said.complaint
-
-
-@pytest.mark.slow
-def test_under_the_same_arithmetic_every_digit_counts(cut: Callable[..., Any]) -> None:
-    assert cut(LAST_DIGIT).status == 1
+@pytest.mark.parametrize(
+    ("factor", "other"), [(TOO_FAR, {"blas": "openblas 0.3 Haswell, 8 threads"}), (LAST_DIGIT, {})]
+)
+def test_another_result_is_refused_under_another_arithmetic_and_another_digit_under_the_same(
+    cut: Callable[..., Any], factor: float, other: dict[str, str]
+) -> None:
+    assert "point 1 is not what the bench gives now" in cut(factor, **other).complaint

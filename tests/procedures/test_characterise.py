@@ -9,9 +9,8 @@ import numpy as np
 import pytest
 
 import palpate as package
+from palpate import EstimateError, get_design
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import EstimateError
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.characterise import procedure as characterise
 from palpate.procedures.measurements.characterise.report import LOADING, Characteristic, FilmsPoint, evaluate
 from palpate.procedures.steps.flags import CLIPPED
@@ -69,15 +68,15 @@ def rows(points: list[FilmsPoint], film: str = "total") -> dict[str, Characteris
 
 def test_a_straight_quiet_film_has_the_figures_of_its_noise() -> None:
     found = rows(measured())
-    assert list(found) == QUANTITIES
-    assert found["force sensitivity"].value == pytest.approx(70e-3)
+    assert (list(found), found["force sensitivity"].value) == (QUANTITIES, pytest.approx(70e-3))
     known = THESIS_LOAD_CELL.sensitivity_u / THESIS_LOAD_CELL.sensitivity_mV_per_N
     by_loads = LOAD_U / math.sqrt(sum((load - sum(LOADS) / len(LOADS)) ** 2 for load in LOADS))
     assert found["force sensitivity"].u == pytest.approx(math.hypot(known, by_loads) * 70e-3, rel=0.01)
-    assert found["signal-to-noise ratio"].value == pytest.approx(20 * math.log10(0.21 / math.sqrt(8) / NOISE))
     resolution = 2 * NOISE * math.sqrt(8 / 250) / 70e-3
-    assert found["resolution"].value == pytest.approx(resolution)
-    assert found["dynamic range"].value == pytest.approx(20 * math.log10(10.0 / resolution))
+    assert (found["resolution"].value, found["dynamic range"].value) == (
+        pytest.approx(resolution),
+        pytest.approx(20 * math.log10(10.0 / resolution)),
+    )
     assert "bench's force limit" in found["dynamic range"].how
     for name in ("linearity", "zero-based linearity", "hysteresis", "drift"):
         assert abs(found[name].value) < 1e-9
@@ -115,19 +114,6 @@ def test_each_row_names_its_equation_and_section_and_is_what_they_say() -> None:
     assert all(row.definition and row.thesis.startswith("2.1") for row in found.values())
 
 
-def test_an_offset_is_no_bend_but_is_not_proportional_as_the_thesis_wants_it() -> None:
-    shifted = [replace(p, voltages_V=tuple(v + 10e-3 for v in p.voltages_V)) for p in measured()]
-    assert rows(shifted)["linearity"].value < 1e-9
-    assert rows(shifted)["zero-based linearity"].value > 0.01
-
-
-def test_the_greatest_noise_scatters_as_a_greatest_of_normals_does() -> None:
-    of = {b.quantity: b for b in evaluate(measured(), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0).budgets}
-    *_, greatest = of["peak signal-to-noise ratio, total"].components
-    drawn = np.abs(np.random.default_rng(1).standard_normal((4000, 250))).max(axis=1)
-    assert greatest.u == pytest.approx(drawn.std() / drawn.mean(), rel=0.05)
-
-
 def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:
     points = measured(drift=0.01)
     held = len(points) - 11
@@ -138,15 +124,6 @@ def test_a_load_that_was_set_anew_while_holding_is_no_drift() -> None:
     found = rows(points)["drift"]
     assert found.value == pytest.approx(0.01, rel=0.06)
     assert "over 180 s" in found.how
-
-
-def test_where_the_converter_ends_the_range_the_slope_cancels() -> None:
-    (far,) = [
-        budget
-        for budget in evaluate(measured(bend=5e-3), SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=1e3).budgets
-        if budget.quantity == "dynamic range, total"
-    ]
-    assert [c.name for c in far.components] == ["noise, as measured"]
 
 
 def test_a_cell_is_as_fine_as_a_single_tooth_tells_where() -> None:
@@ -222,8 +199,10 @@ def test_noise_that_differs_from_load_to_load_counts_by_its_scatter() -> None:
     of = {b.quantity: b for b in evaluate(points, SINGLE, THESIS_LOAD_CELL, 1.0, force_limit=10.0).budgets}
     of_noise = of["resolution, total"].components[-1]
     factors = np.array([1.0, 1.3, 1.0, 1.3])
-    assert of_noise.u == pytest.approx(factors.std(ddof=1) / factors.mean() / 2)
-    assert of_noise.degrees_of_freedom == len(LOADS) - 1
+    assert (of_noise.u, of_noise.degrees_of_freedom) == (
+        pytest.approx(factors.std(ddof=1) / factors.mean() / 2),
+        len(LOADS) - 1,
+    )
 
 
 @pytest.mark.slow

@@ -20,7 +20,6 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeSets
 from palpate.procedures.measurements.characterise.report import FilmsPoint
-from palpate.procedures.measurements.prospects import ended_by
 from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
@@ -81,15 +80,6 @@ def test_the_first_rounds_decide_and_no_round_is_broken_off() -> None:
     at_one_load = [replace(point, valid=point.load_N == LOADS[0]) for point in rounds(12, 0.0)]
     assert not has_enough(at_one_load)
     assert repeats()[0].line(at_one_load) is None
-
-
-def test_a_time_ends_the_rounds_before_what_follows_would_exceed_it() -> None:
-    asked, sets = replace(ASKED, tolerance=None, time=160.0), repeats(None, 160.0)
-    left = 160.0 - asked.after
-    assert not asked.has_enough(sets, rounds(1, 0.02, (left - 20) / 3))
-    assert asked.has_enough(sets, rounds(1, 0.02, (left - 2) / 3))
-    ended = ended_by("round of loads", "", asked.time, "")
-    assert ended == "another round of loads would not have ended within 160 s"
 
 
 def test_a_plan_for_a_time_has_the_rounds_that_a_run_makes_of_it() -> None:

@@ -10,15 +10,13 @@ from typing import TypeVar
 import pytest
 
 import palpate
-from palpate.extend import Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target
+from palpate.extend import Design, Lab, Measurement, Plan, Procedure, Recorder, SimpleResult, Step, Target, read_scene
 from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.models.response import RatioQuestion
-from palpate.instrument.sensor.design import Design
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab.calibrations import install
-from palpate.simulators.planning.settle import read_scene
 from palpate.testing import steps
-from tests.procedures.conftest import HEADER
+from tests.procedures.conftest import HEADER, interrupt_at
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -86,28 +84,19 @@ def test_a_procedure_that_has_enough_ends_before_its_plan_and_says_why(tmp_path:
     assert (len(whole.result.points), whole.run.events()) == (6, [])
 
 
-def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to(tmp_path: Path) -> None:
+def test_finished_points_of_a_real_bench_that_are_enough_are_not_added_to_and_none_is_left_out(tmp_path: Path) -> None:
     class GoesOn(Recorder):
+        count = 3
+
         def finished(self, kind: type[T]) -> list[T]:
-            return [kind(0.0, float(i)) for i in range(3)]  # type: ignore[call-arg]
+            return [kind(0.0, float(i)) for i in range(self.count)]  # type: ignore[call-arg]
 
     with palpate.open_bench(scene="ideal") as bench, GoesOn.create(tmp_path, HEADER) as record:
-        result = conduct(Waiting(), bench.lab("waiting", bench.started), record)
-        record.finish("complete", {})
-    assert [point.time_s for point in result.points] == [0.0, 1.0, 2.0]
-
-
-def test_more_finished_points_than_the_procedure_takes_are_refused_and_none_is_left_out(tmp_path: Path) -> None:
-    class GoesOn(Recorder):
-        def finished(self, kind: type[T]) -> list[T]:
-            return [kind(0.0, float(i)) for i in range(4)]  # type: ignore[call-arg]
-
-    with (
-        palpate.open_bench(scene="ideal") as bench,
-        GoesOn.create(tmp_path, HEADER) as record,
-        pytest.raises(palpate.RecordError, match="holds 4 points, and this procedure takes 3; run it anew"),
-    ):
-        conduct(Waiting(), bench.lab("waiting", bench.started), record)
+        lab = bench.lab("waiting", bench.started)
+        assert [point.time_s for point in conduct(Waiting(), lab, record).points] == [0.0, 1.0, 2.0]
+        record.count = 4
+        with pytest.raises(palpate.RecordError, match="holds 4 points, and this procedure takes 3; run it anew"):
+            conduct(Waiting(), lab, record)
 
 
 def test_a_replay_ends_where_the_run_did(tmp_path: Path) -> None:
@@ -115,8 +104,7 @@ def test_a_replay_ends_where_the_run_did(tmp_path: Path) -> None:
     with palpate.open_bench(scene="ideal", log=log) as bench:
         first = palpate.run(Waiting(), bench, out=tmp_path / "run")
     again = palpate.replay(log, tmp_path / "again", Waiting)
-    assert again.run.digest() == first.run.digest()
-    assert [e["kind"] for e in again.run.events()] == ["enough"]
+    assert (again.run.digest(), [e["kind"] for e in again.run.events()]) == (first.run.digest(), ["enough"])
 
 
 @dataclass(frozen=True)
@@ -170,10 +158,6 @@ class Asking(Waiting):
 def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
     tmp_path: Path, began_with: float | None
 ) -> None:
-    def stop(done: int, _all: int, _what: str) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
     def store(scatter: float, created: str) -> None:
         install(MountingScatterCalibration(
             means_u=scatter, degrees_of_freedom=2, sets_u=0.005, sets_freedom=27, design="single", device="20260101",
@@ -183,7 +167,7 @@ def test_a_resumed_run_has_the_scatter_of_mountings_that_it_began_with(
     if began_with is not None:
         store(began_with, "2026-01-01")
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="ideal") as bench:
-        palpate.run(Asking(), bench, out=tmp_path / "cut", listeners=[steps(stop)])
+        palpate.run(Asking(), bench, out=tmp_path / "cut", listeners=[steps(interrupt_at(2))])
     store(0.05, "2026-01-02")
     assert palpate.resume(tmp_path / "cut", Asking).result.values == {"scatter": began_with}
     with palpate.open_bench(scene="ideal") as bench:

@@ -6,14 +6,11 @@ from pathlib import Path
 
 import pytest
 
-from palpate.instrument.errors import UsageError
-from palpate.instrument.sensor.sample import get_sample
+from palpate import Run, UsageError, get_sample
+from palpate.extend import Question, read_scene
 from palpate.procedures.lab import chosen as chosen_module
 from palpate.procedures.lab.chosen import Chosen, at_fidelity, choose
 from palpate.procedures.lab.lab import Dwells
-from palpate.procedures.records.run import Run
-from palpate.simulators.planning.plan import Question
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import changes, reduced, see
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 from tests.shares import first_of

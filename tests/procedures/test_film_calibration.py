@@ -7,21 +7,14 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.films import FilmCalibration
+from palpate import FilmSeries, Run, get_design, read_calibration
+from palpate.extend import Bench, DeviceError, FilmCalibration, Lab, Recorder, read_scene
+from palpate.instrument.calibration.files import write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import DeviceError
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements import work as dynamic_load
-from palpate.procedures.measurements.films import FilmSeries
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.flags import UNSETTLED
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, Palpate, scene_of
 from tests.procedures.test_load_cell import CREATED
 
@@ -49,8 +42,10 @@ def test_crosstalk_and_clamping_of_a_scene_are_found(tmp_path: Path) -> None:
         lab = Lab(bench, get_design("common_base"), IDEAL_CALIBRATION, run="run", started=CREATED)
         result = conduct(SERIES, lab, record)
     found = result.calibration
-    assert [film.clamping for film in found.films] == pytest.approx([0.5, 0.5, 1.0], rel=2e-3)
-    assert np.array(found.crosstalk) == pytest.approx(np.array([[1, 0.052], [0.052, 1]]), abs=5e-4)
+    assert ([film.clamping for film in found.films], np.array(found.crosstalk)) == (
+        pytest.approx([0.5, 0.5, 1.0], rel=2e-3),
+        pytest.approx(np.array([[1, 0.052], [0.052, 1]]), abs=5e-4),
+    )
     assert (found.device, found.expires) == (bench.device("sensor_node_1").serial, "2026-03-14")
     stored = Run.open(tmp_path / "run").points()
     assert [(p["tooth"], p["load_N"]) for p in stored] == [(t, n) for t in (1, 2) for n in (2.0, 3.0, 4.0)]

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import itertools
-from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,11 +9,9 @@ import pytest
 
 import palpate
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import RangeError
-from palpate.instrument.quantity import parse_tolerance
 from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.films import FilmSeries, PressedPoint
+from palpate.procedures.measurements.films import FilmSeries
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -42,37 +38,6 @@ def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets(frequenci
     first = [step.seconds_expected for step in plan.steps if int(step.what.rpartition(" ")[2]) <= sets]
     assert len(first) == 2 * len(frequencies) * sets
     assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
-
-
-def pressed(gains: Sequence[float]) -> list[PressedPoint]:
-    """Load sets on the tooth of the single sensor, whose tooth film has these gains [V/N]."""
-    return [
-        PressedPoint(1, 10.0, load, 20.0, load, 0.01, False, (gain * load, 0.01 * load), (1e-6, 1e-6), True, ())
-        for gain, load in zip(gains, itertools.cycle(LOADS), strict=False)
-    ]
-
-
-def test_a_tooth_has_enough_after_a_whole_round_in_which_each_film_is_known() -> None:
-    asked = series(0.04)
-    assert asked.tolerance is not None
-    repeats = asked.plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
-    assert repeats is not None
-    same = [1e-3, 1.01e-3] * 10
-    assert [asked.has_enough(repeats, pressed(same[:count]), REAL.design) for count in (0, 9, 10, 11, 12)] == [
-        False
-    ] * 4 + [True]
-    assert not asked.has_enough(
-        repeats, pressed([1e-3, 1.3e-3] * 6), REAL.design
-    )  # the tooth's film scatters, the base's does not
-
-
-def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said() -> None:
-    with pytest.raises(RangeError, match="load cell leaves ±") as refused:
-        series(0.008).plan(REAL)
-    assert "palpate calibrate load-cell --runs 3" in str(refused.value)
-    series(parse_tolerance(str(refused.value).split("--tolerance '")[1].split("'")[0])).plan(REAL)
-    better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "zero_u": 1e-3, "covariance": 0.0})
-    series(0.008).plan(replace(REAL, load_cell=better))
 
 
 @pytest.mark.slow

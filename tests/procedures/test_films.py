@@ -6,25 +6,21 @@ import re
 from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
-from typing import Any, ClassVar, cast
+from typing import Any, ClassVar
 
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate import FrequencySweep, LoadSweep, RangeError, Run, SoftnessTest, get_design, get_sample
+from palpate.extend import Bench, DeviceError, Films, LoadServo, Recorder
 from palpate.instrument.bench.kinds import KINDS
-from palpate.instrument.errors import DeviceError, RangeError
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.signals.dwell import RequiredDwell
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.lab.chosen import Chosen
-from palpate.procedures.measurements.loads import LoadSweep
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps import films as module
 from palpate.procedures.steps.film_point import DwellChoice, FilmPoint, measure, recording_seconds
-from palpate.procedures.steps.films import FilmRecord, Films, check_nodes
-from palpate.procedures.steps.servo import READINGS, IndicatorMean, LoadServo
+from palpate.procedures.steps.films import FilmRecord, check_nodes
+from palpate.procedures.steps.servo import READINGS, IndicatorMean
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION
 
 RATE = 250.0  # Hz, at 10 Hz
@@ -101,12 +97,10 @@ def test_a_steady_signal_takes_two_short_records(signals: Signals) -> None:
     signals.noise = 20e-6
     watched: list[int] = []
     _, took, settled = signals.settle(lambda: watched.append(len(signals.lengths)))
-    assert (settled, signals.lengths, watched) == (True, [0.2, 0.2], [1, 2])
-    assert took == pytest.approx(0.4)
+    assert (settled, signals.lengths, watched, took) == (True, [0.2, 0.2], [1, 2], pytest.approx(0.4))
 
 
-@pytest.mark.parametrize("noise", [0.0, 5e-6])
-@pytest.mark.parametrize("decay", [0.02, 0.2, 2.0])
+@pytest.mark.parametrize(("decay", "noise"), [(0.02, 5e-6), (0.2, 0.0), (2.0, 0.0), (2.0, 5e-6)])
 def test_what_is_left_of_a_transient_is_below_the_uncertainty(signals: Signals, decay: float, noise: float) -> None:
     signals.decay, signals.noise = decay, noise
     fit, took, settled = signals.settle(lambda: None)
@@ -155,41 +149,30 @@ def test_what_never_settles_is_flagged_at_the_limit(signals: Signals) -> None:
 
 def test_a_good_point_is_measured_once(signals: Signals, tmp_path: Path) -> None:
     point, events = measured(signals, Held(), tmp_path / "run")
-    assert (point.valid, point.flags, point.attempts, events) == (True, (), 1, [])
-    assert signals.lengths == [0.2, 0.2, 1.0]
-    assert point.fit.amplitude == pytest.approx(TRUE)
-    assert point.load_measured_N == pytest.approx(3.0)
+    assert (point.valid, point.flags, point.attempts, events, signals.lengths) == (True, (), 1, [], [0.2, 0.2, 1.0])
+    assert (point.fit.amplitude, point.load_measured_N) == (pytest.approx(TRUE), pytest.approx(3.0))
 
 
 @pytest.mark.parametrize(("value", "flag"), [(np.nan, "not finite"), (0.1, "clipped")])
-def test_a_bad_sample_is_left_out_and_its_record_repeated(
-    signals: Signals, tmp_path: Path, value: float, flag: str
+@pytest.mark.parametrize(("dwells", "valid", "attempts"), [((3,), True, 2), ((3, 6, 9), False, 3)])
+def test_a_bad_sample_is_left_out_its_record_repeated_and_the_point_flagged_where_it_stays_bad(
+    signals: Signals, tmp_path: Path, dwells: tuple[int, ...], valid: bool, attempts: int, value: float, flag: str
 ) -> None:
-    signals.bad = {3: (1, slice(20, 40), value)}
+    signals.bad = {number: (1, slice(20, 40), value) for number in dwells}
     point, events = measured(signals, Held(), tmp_path / "run")
-    assert (point.valid, point.attempts, events) == (True, 2, [f"a point, attempt 1: {flag}"])
-
-
-@pytest.mark.parametrize(("value", "flag"), [(np.nan, "not finite"), (0.1, "clipped")])
-def test_what_stays_bad_is_flagged_and_still_fitted_by_its_good_samples(
-    signals: Signals, tmp_path: Path, value: float, flag: str
-) -> None:
-    signals.bad = {number: (1, slice(20, 40), value) for number in (3, 6, 9)}
-    point, events = measured(signals, Held(), tmp_path / "run")
-    assert (point.valid, point.flags, point.attempts) == (False, (flag,), 3)
-    assert events == [f"a point, attempt {number}: {flag}" for number in (1, 2)]
-    assert point.fit.amplitude == pytest.approx(TRUE)
+    assert (point.valid, point.flags, point.attempts, events, point.fit.amplitude) == (
+        valid,
+        () if valid else (flag,),
+        attempts,
+        [f"a point, attempt {number}: {flag}" for number in range(1, attempts)],
+        pytest.approx(TRUE),
+    )
 
 
 def test_a_load_that_drifts_off_is_set_anew(signals: Signals, tmp_path: Path) -> None:
     servo = Held(0.5)
     point, events = measured(signals, servo, tmp_path / "run")
-    assert (servo.asked, point.valid, point.attempts, events) == (
-        [3.0],
-        True,
-        2,
-        ["a point, attempt 1: drifted"],
-    )
+    assert (servo.asked, point.valid, point.attempts, events) == ([3.0], True, 2, ["a point, attempt 1: drifted"])
 
 
 def test_a_film_without_a_finite_sample_is_named(signals: Signals, tmp_path: Path) -> None:
@@ -213,8 +196,7 @@ def test_a_longer_dwell_is_chosen_by_a_pilot_that_counts_where_it_is_long_enough
 ) -> None:
     signals.noise = 20e-6
     point, _ = measured(signals, Held(), tmp_path / "run", lambda fit: RequiredDwell(asked, fit.amplitude_u[1]))
-    assert signals.lengths == [0.2, 0.2, *lengths]
-    assert sum(lengths) == pytest.approx(recording_seconds(asked, 10.0))
+    assert (signals.lengths, sum(lengths)) == ([0.2, 0.2, *lengths], pytest.approx(recording_seconds(asked, 10.0)))
     assert (point.dwell_s, point.fit.samples, point.record.voltage.shape) == (asked, asked * RATE, (2, asked * RATE))
     assert point.relative_u_predicted is not None and point.relative_u_predicted < 20e-6 * np.sqrt(
         3 / (RATE * lengths[0])
@@ -267,8 +249,7 @@ def test_films_that_tell_of_another_force_than_the_load_cell_are_flagged(
     """A calibration of 13.3 mV/N in place of 10.3 sets 3.87 N for 3 N, and reads 3 N."""
     signals.gain = share
     point, events = measured(signals, Held(), tmp_path / "run")
-    assert (point.flags, point.valid) == (flags, not flags)
-    assert (point.attempts, len(events)) == ((3, 2) if flags else (1, 0))
+    assert (point.flags, point.valid, (point.attempts, len(events))) == (flags, not flags, (3, 2) if flags else (1, 0))
 
 
 @pytest.mark.parametrize(("off", "flags"), [(0.0, ()), (1e-3, ()), (5e-3, ("frequency",)), (-0.1, ("frequency",))])
@@ -284,8 +265,7 @@ def test_a_short_record_of_much_noise_is_marked_and_used(signals: Signals, tmp_p
     signals.noise = 3e-3
     short, _ = measured(signals, Held(), tmp_path / "short", 0.2)
     long, _ = measured(signals, Held(), tmp_path / "long", 2.0)
-    assert (short.flags, short.valid, short.attempts) == (("short",), True, 1)
-    assert long.flags == ()
+    assert (short.flags, short.valid, short.attempts, long.flags) == (("short",), True, 1, ())
 
 
 # --- many films ----------------------------------------------------------------------------------------
@@ -324,22 +304,15 @@ def test_films_and_load_are_on_the_nodes_channels_however_many_their_kind_has(
     assert [sorted(node.set) for node in nodes] == used
 
 
-@pytest.mark.parametrize(("roles", "step"), [(("exciter",), 0.5), (("source",), 0.5), ((), 0.0)])
-def test_films_know_to_which_step_the_bench_s_own_exciter_rounds_the_drive(roles: tuple[str, ...], step: float) -> None:
-    kind = replace(KINDS["signal_generator"], frequency_step=0.5)
-    films = Films.__new__(Films)
-    films.bench = cast("Any", SimpleNamespace(description=SimpleNamespace(kind_in=dict.fromkeys(roles, kind).get)))
-    assert films.frequency_step == step
-
-
 def test_a_bench_is_refused_by_how_many_channels_its_own_nodes_have() -> None:
     check_nodes(get_design("array_16"), 3, channels=8)
-    with pytest.raises(RangeError, match=r"'array_16' has 17 films on 9 sensor nodes of 2 channels; the bench has 8"):
-        check_nodes(get_design("array_16"), 8, channels=2)
-    with pytest.raises(RangeError, match="has 2 films on 1 sensor node of 4 channels; the bench has 0"):
-        check_nodes(get_design("single"), 0)
-    with pytest.raises(RangeError, match="has 2 films and load_channel 5 on 2 sensor nodes of 4 channels; the bench"):
-        check_nodes(get_design("single"), 1, load=5)
+    for design, nodes, more, message in (
+        ("array_16", 8, {"channels": 2}, "'array_16' has 17 films on 9 sensor nodes of 2 channels; the bench has 8"),
+        ("single", 0, {}, "has 2 films on 1 sensor node of 4 channels; the bench has 0"),
+        ("single", 1, {"load": 5}, "has 2 films and load_channel 5 on 2 sensor nodes of 4 channels; the bench"),
+    ):
+        with pytest.raises(RangeError, match=message):
+            check_nodes(get_design(design), nodes, **more)
 
 
 def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its_kind() -> None:
@@ -355,6 +328,7 @@ def test_what_is_known_of_a_bench_before_it_is_opened_counts_the_channels_of_its
     )
     target = replace(Chosen(known, None).target, drivable=lambda _frequency: None)
     assert (target.nodes, target.channels) == (3, 8)
-    LoadSweep().check(target)
-    with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):
-        LoadSweep().check(replace(target, channels=4))
+    for asked in (LoadSweep(), FrequencySweep((1.0, 2.0, 3.0)), SoftnessTest((get_sample("1"),), model="column")):
+        asked.check(target)
+        with pytest.raises(RangeError, match="17 films on 5 sensor nodes of 4 channels"):
+            asked.check(replace(target, channels=4))

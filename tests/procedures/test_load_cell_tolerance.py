@@ -21,7 +21,6 @@ from palpate.instrument.errors import RangeError
 from palpate.instrument.uncertainty.budget import coverage_factor, mean_u
 from palpate.procedures.measurements.load_cell.procedure import (
     LOADS,
-    Learned,
     LoadCellSeries,
     PlannedRuns,
     expected_sensitivity,
@@ -106,15 +105,6 @@ def test_what_the_loads_are_off_by_counts_once_in_plan_and_result_and_no_run_low
     assert "outside 0 to 50 %" in palpate(*CALIBRATE, "--loads-u", "60 %").complaint
 
 
-def test_a_refusal_tells_the_weights_that_reach_what_the_loads_leave_of_the_tolerance() -> None:
-    said = []
-    for tolerance, loads_u in ((0.0026, 0.0024 / 1.96), (0.001, 0.0)):  # 0.26² = 0.24² + 0.1²
-        with pytest.raises(RangeError, match=r"resolution leaves ± 0\.253 %.*: the display") as refused:
-            quickest(tolerance, loads_u=loads_u)
-        said.append(float(str(refused.value).split("weights up to ")[1].split(" N")[0]))
-    assert said[0] == pytest.approx(said[1], rel=1e-3)
-
-
 # --- the end ---------------------------------------------------------------------------------------------
 
 
@@ -182,14 +172,6 @@ def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivi
         assert k * found.u / found.value <= 0.003 or reached.why_not
     assert held / number == pytest.approx(expected / number, abs=0.025)
     assert np.std(errors) <= 1.05 * math.sqrt(np.mean(np.square(independent)))
-
-
-def test_a_series_that_misses_its_tolerance_says_why() -> None:
-    missed = Learned(0.004, 5, "")
-    assert missed.ended(0.003).endswith("was asked for; the most runs that were planned are done")
-    assert ";" not in replace(missed, half=0.002).ended(0.003)
-    reason = "curve leaves 0.4 %, which no further run lowers"
-    assert replace(missed, why_not=reason).ended(0.003).endswith(reason)
 
 
 # --- a class that is asked for -----------------------------------------------------------------------------

@@ -11,22 +11,33 @@ from typing import Any
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import RangeError, UnreachableError
-from palpate.instrument.models.response import response
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import SAMPLES, Load
+from palpate import (
+    FilmSeries,
+    Load,
+    LoadSweep,
+    RangeError,
+    Run,
+    SoftnessTest,
+    as_dataset,
+    get_design,
+    get_sample,
+    response,
+)
+from palpate.extend import Bench, Scene, read_scene
+from palpate.instrument.errors import UnreachableError
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
-from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, evaluate
-from palpate.procedures.records.run import Run
+from palpate.procedures.lab.chosen import choose
+from palpate.procedures.measurements.loads import LoadPoint, evaluate
 from palpate.procedures.steps.checks import parse_loads
+from palpate.procedures.study.results import Results
+from palpate.procedures.study.run import one_by_one
+from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene, with_model
-from palpate.simulators.scenes.scene import Scene
+from palpate.simulators.planning.settle import with_model
 from tests.chance import plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
+from tests.procedures.studies import study_from
 from tests.ratios import amplitude_ratio
 from tests.shares import first_of
 
@@ -75,49 +86,29 @@ def test_the_default_sweep_has_every_load_set_of_the_thesis_under_the_public_nam
 def test_each_mean_force_ratio_lies_within_the_thesis_repeatability_of_its_own(default_sweep: dict[str, Any]) -> None:
     thesis = printed_averages()
     assert [s["sample"] for s in default_sweep["samples"]] == sorted(thesis)
+    assert default_sweep["softness_order"] == ["1", "6", "4", "3", "5", "2"]  # of Figure 5.3
     for sample in default_sweep["samples"]:
-        assert sample["thesis_force_ratio"] == thesis[sample["sample"]]
-        assert sample["force_ratio"] == pytest.approx(thesis[sample["sample"]], rel=REPEATABILITY)
+        assert (sample["thesis_force_ratio"], sample["force_ratio"]) == (
+            thesis[sample["sample"]],
+            pytest.approx(thesis[sample["sample"]], rel=REPEATABILITY),
+        )
 
 
-def test_the_softness_order_is_that_of_figure_5_3(default_sweep: dict[str, Any]) -> None:
-    assert default_sweep["softness_order"] == ["1", "6", "4", "3", "5", "2"]
-
-
-def test_a_mean_is_that_of_its_points(default_sweep: dict[str, Any]) -> None:
-    for sample in default_sweep["samples"]:
-        points = [p for p in default_sweep["points"] if p["sample"] == sample["sample"]]
-        assert sample["force_ratio"] == pytest.approx(np.mean([p["force_ratio"] for p in points]))
-        u = np.linalg.norm([p["force_ratio_u"] for p in points]) / len(points)
-        assert sample["force_ratio_u"] == pytest.approx(u)
-
-
-def test_forces_and_ratio_of_a_point_follow_from_its_voltages(default_sweep: dict[str, Any]) -> None:
-    for p in default_sweep["points"]:
-        assert p["force_rigid_N"] == pytest.approx(p["voltage_rigid_V"] / 5.995e-3)
-        assert p["force_total_N"] == pytest.approx(p["voltage_total_V"] / 68.60e-3)
-        assert p["force_ratio"] == pytest.approx(p["force_rigid_N"] / p["force_total_N"])
-        assert p["force_rigid_u"] == pytest.approx(0.033 * p["force_rigid_N"], rel=0.01)
-        assert p["force_total_u"] == pytest.approx(0.03 * p["force_total_N"], rel=0.01)
-
-
-def test_the_plan_of_the_default_sweep_is_what_it_takes(default_sweep: dict[str, Any]) -> None:
-    points = default_sweep["points"]
-    expected = LoadSweep().plan(Target(get_design("single"), 10.0, 1))
-    assert expected.seconds == pytest.approx(default_sweep["bench_seconds"], rel=0.1)
-    assert [(s.sample, s.load_N, s.dwell_s) for s in expected.steps] == [
-        (p["sample"], p["load_N"], p["dwell_s"]) for p in points
-    ]
-    for step, point in zip(expected.steps, points, strict=True):
-        assert step.ratio_u_expected == pytest.approx(point["relative_u"], rel=0.05)
-
-
-def test_each_load_is_servoed(default_sweep: dict[str, Any]) -> None:
+def test_each_load_is_servoed_and_forces_and_ratio_follow_from_the_voltages(default_sweep: dict[str, Any]) -> None:
     step = 1 / 10.306  # N
     for p in default_sweep["points"]:
         # 0.6 steps is the servo's tolerance; the mean of four readings scatters by a fifth of a step
         assert p["load_measured_N"] == pytest.approx(p["load_N"], abs=(0.6 + 3 * 0.2) * step)
         assert p["load_measured_N"] == pytest.approx((p["indicator_mV"] - 1.81) / 10.306, abs=0.002)
+        assert (p["force_rigid_N"], p["force_total_N"], p["force_ratio"]) == (
+            pytest.approx(p["voltage_rigid_V"] / 5.995e-3),
+            pytest.approx(p["voltage_total_V"] / 68.60e-3),
+            pytest.approx(p["force_rigid_N"] / p["force_total_N"]),
+        )
+        assert (p["force_rigid_u"], p["force_total_u"]) == (
+            pytest.approx(0.033 * p["force_rigid_N"], rel=0.01),
+            pytest.approx(0.03 * p["force_total_N"], rel=0.01),
+        )
 
 
 @pytest.mark.slow
@@ -132,8 +123,10 @@ def test_over_seeds_the_deviations_are_as_large_as_their_stated_uncertainty(
     for values in (points, means):
         assert plausible([(v["force_ratio"] - thesis[v["sample"]]) / v["force_ratio_u"] for v in values])
     scatter = [p["force_ratio"] / thesis[p["sample"]] - 1 for p in points]
-    assert np.std(scatter) == pytest.approx(REPEATABILITY, rel=0.25)
-    assert result.softness_order == ["1", "6", "4", "3", "5", "2"]
+    assert (np.std(scatter), result.softness_order) == (
+        pytest.approx(REPEATABILITY, rel=0.25),
+        ["1", "6", "4", "3", "5", "2"],
+    )
 
 
 @pytest.mark.slow
@@ -155,10 +148,12 @@ def test_without_imperfections_the_ratio_is_the_models_and_the_force_is_the_load
     # a large load on hard samples: on less the converter's steps, 15 µV, are more than 1e-3 of the rigid film
     result = sweep_scene(scene, tmp_path / "run", samples=("1", "6"), loads=(7.2,), calibration=IDEAL_CALIBRATION)
     for p in result.points:
-        assert p.force_ratio == pytest.approx(modelled(p.sample, model), rel=1e-3)
-        assert p.load_measured_N == pytest.approx(7.2, rel=0.01)
-        assert p.force_total_N == pytest.approx(p.load_measured_N, rel=1e-3)
-        assert p.force_rigid_N == pytest.approx(p.load_measured_N * modelled(p.sample, model), rel=1e-3)
+        assert (p.force_ratio, p.load_measured_N, p.force_total_N, p.force_rigid_N) == (
+            pytest.approx(modelled(p.sample, model), rel=1e-3),
+            pytest.approx(7.2, rel=0.01),
+            pytest.approx(p.load_measured_N, rel=1e-3),
+            pytest.approx(p.load_measured_N * modelled(p.sample, model), rel=1e-3),
+        )
 
 
 @pytest.mark.parametrize(("frequency", "dwell", "rate", "samples"), [(0.5, 4.0, 12.5, 50), (20.0, 1.0, 500.0, 500)])
@@ -193,8 +188,7 @@ def loud(scene: Scene, factor: float) -> Scene:
 def test_an_over_ranged_film_marks_the_point_and_leaves_the_mean_out(tmp_path: Path, scene: Scene) -> None:
     result = sweep_scene(loud(scene, 100), tmp_path / "run", samples=("1",), loads=(3.0,), dwell=0.2)
     assert [(p.valid, p.flags, p.attempts) for p in result.points] == [(False, ("clipped",), 3)]
-    assert (result.samples[0].force_ratio, result.samples[0].valid_points) == (None, 0)
-    assert result.softness_order == []
+    assert (result.samples[0].force_ratio, result.samples[0].valid_points, result.softness_order) == (None, 0, [])
 
 
 def test_a_film_that_clips_on_the_sensitive_range_is_measured_again_on_the_wide_one(
@@ -240,9 +234,11 @@ def test_the_record_holds_the_points_of_the_result(default_sweep: dict[str, Any]
     run = Run.open(Path(default_sweep["run"]))
     assert run.status == "complete"
     stored = [{k: v for k, v in p.items() if k not in ("id", "bench_ns")} for p in run.points()]
-    assert stored == default_sweep["points"]
-    assert run.summary["samples"] == default_sweep["samples"]
-    assert run.summary["softness_order"] == default_sweep["softness_order"]
+    assert (stored, run.summary["samples"], run.summary["softness_order"]) == (
+        default_sweep["points"],
+        default_sweep["samples"],
+        default_sweep["softness_order"],
+    )
 
 
 def test_a_stored_waveform_gives_the_stored_result_again(default_sweep: dict[str, Any]) -> None:
@@ -253,8 +249,10 @@ def test_a_stored_waveform_gives_the_stored_result_again(default_sweep: dict[str
         fit = fit_sine(np.arange(250) / 250.0, films, 10.0)
         assert 2 * fit.unbiased == pytest.approx([point["voltage_rigid_V"], point["voltage_total_V"]], rel=1e-6)
         ratio, ratio_u = amplitude_ratio(fit, 0, 1)
-        assert ratio * 68.60 / 5.995 == pytest.approx(point["force_ratio"], rel=1e-6)
-        assert ratio_u * 68.60 / 5.995 == pytest.approx(point["noise_u"], rel=1e-3)
+        assert (ratio * 68.60 / 5.995, ratio_u * 68.60 / 5.995) == (
+            pytest.approx(point["force_ratio"], rel=1e-6),
+            pytest.approx(point["noise_u"], rel=1e-3),
+        )
 
 
 # --- in between ----------------------------------------------------------------------------------------
@@ -272,8 +270,7 @@ def test_only_valid_points_enter_a_mean_and_the_order() -> None:
     assert (two.force_ratio, two.force_ratio_u, two.valid_points) == pytest.approx((0.25, 0.04 / math.sqrt(2), 2))
     assert (one.force_ratio, one.valid_points) == (0.4, 1)
     assert (three.force_ratio, three.force_ratio_u, three.valid_points) == (None, None, 0)
-    assert result.softness_order == ["1", "2"]
-    assert result.points == points
+    assert (result.softness_order, result.points) == (["1", "2"], points)
 
 
 def test_the_budget_of_a_mean_tells_scatter_and_noise_apart() -> None:
@@ -282,8 +279,10 @@ def test_the_budget_of_a_mean_tells_scatter_and_noise_apart() -> None:
     ).budgets
     assert (budget.quantity, budget.value) == ("force ratio of sample 1", pytest.approx(0.31))
     parts = {component.name: component.contribution for component in budget.components}
-    assert parts["noise"] == pytest.approx(1e-4 / math.sqrt(2))
-    assert math.hypot(parts["gain scatter"], parts["noise"]) == pytest.approx(0.04 / math.sqrt(2))
+    assert (parts["noise"], math.hypot(parts["gain scatter"], parts["noise"])) == (
+        pytest.approx(1e-4 / math.sqrt(2)),
+        pytest.approx(0.04 / math.sqrt(2)),
+    )
     assert parts["films' calibration"] == 0
 
 
@@ -310,9 +309,58 @@ def test_more_than_a_thousand_loads_are_refused(text: str) -> None:
         parse_loads(text)
 
 
-def test_a_load_cell_calibration_that_is_wrong_by_a_quarter_flags_every_point(tmp_path: Path) -> None:
-    """13.3 mV/N for 10.3, as a hand edit left it: the films tell of 29 % more force than the load cell."""
-    wrong = THESIS_LOAD_CELL.model_copy(update={"sensitivity_mV_per_N": 13.3})
-    result = sweep_scene(read_scene("thesis_single"), tmp_path, samples=("1",), loads=(2.0,), calibration=wrong)
-    assert [point.flags for point in result.points] == [("force",)]
-    assert result.samples[0].force_ratio is None
+# --- A load that is repeated is a load set of its own, with gains of its own, wherever load set -------
+
+SAME = (3.0, 3.0, 4.0, 4.0)
+QUIET = replace(
+    read_scene("thesis_single"),
+    effects={name: each for name, each in read_scene("thesis_single").effects.items() if name != "white_noise"},
+)
+
+
+def apart(ratios: list[float]) -> bool:
+    """Whether all of them have other gains; two of one set would agree to a ten-thousandth."""
+    return min(abs(a / b - 1) for n, a in enumerate(ratios) for b in ratios[:n]) > 1e-3
+
+
+@pytest.mark.slow
+def test_each_repetition_on_a_bench_is_a_point_with_gains_of_its_own(tmp_path: Path) -> None:
+    result = sweep_scene(QUIET, tmp_path, samples=("2",), loads=SAME, dwell=0.5)
+    assert [point.load_N for point in result.points] == list(SAME)
+    assert apart([point.force_ratio for point in result.points])
+    assert all(point.valid for point in result.points)
+    (mean,), (budget,) = result.samples, result.budgets
+    assert (mean.valid_points, budget.u / budget.value) == (4, pytest.approx(0.041 / 2, rel=0.05))
+
+
+def test_steps_of_repeated_loads_are_told_apart_and_only_the_first_takes_long() -> None:
+    target = choose(None, "thesis_single").target
+    sweep = LoadSweep(("2",), SAME).plan(target).steps
+    told = ["sample 2, 3 N", "sample 2, 3 N, set 2", "sample 2, 4 N", "sample 2, 4 N, set 2"]
+    assert ([step.what for step in sweep], len({step.seconds_expected for step in sweep[1:]})) == (told, 1)
+    assert sweep[0].seconds_expected > sweep[1].seconds_expected
+    softness = SoftnessTest((get_sample("2"),), SAME).plan(target).steps
+    assert [step.what for step in softness][:2] == ["2, 3 N", "2, 3 N, set 2"]
+    films = FilmSeries(loads=(2.0, 3.0, 4.0, 4.0)).plan(target).steps
+    assert films[-1].what.endswith("4 N, set 2")
+
+
+@pytest.mark.slow
+def test_a_study_keeps_repetitions_apart_in_its_table_and_its_dataset() -> None:
+    study = study_from('name = "s"\nloads = "4 N, 4 N"\ndwell = "0.5 s"\n[axes]\nseed = [1]\n')
+    rows = StudyComputation.of(study, "s")(study.cell(0))
+    results = Results(study, [one_by_one(lambda _: rows, study, range(1))])
+    ratios = results.table().force_ratio.tolist()
+    assert apart(ratios)
+    pytest.importorskip("xarray")
+    assert results.dataset().force_ratio.sel(load_N=4.0).values.ravel().tolist() == ratios
+
+
+def test_a_run_exports_repetitions_as_points_of_their_own(tmp_path: Path) -> None:
+    sweep_scene(QUIET, tmp_path, samples=("2",), loads=(4.0, 4.0), dwell=0.2)
+    (folder,) = [path.parent for path in tmp_path.rglob("run.record")]
+    assert Run.open(folder).table().load_N.tolist() == [4.0, 4.0]
+    pytest.importorskip("xarray")
+    dataset = as_dataset(Run.open(folder))
+    assert dataset.load_N.values.tolist() == [4.0, 4.0]
+    assert apart(dataset.force_ratio.values.tolist())

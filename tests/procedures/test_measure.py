@@ -2,15 +2,9 @@
 
 from __future__ import annotations
 
-import os
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
-from contextlib import nullcontext
 from dataclasses import MISSING, fields
 from pathlib import Path
-from typing import ClassVar
 
 import pytest
 from click.testing import CliRunner
@@ -19,10 +13,9 @@ from palpate.procedures.commands.root import palpate as root
 from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.catalogue import SHIPPED, procedure_class
 from palpate.procedures.engine.settings import asked_of
-from palpate.procedures.lab import operator as keys
 from palpate.procedures.records.run import Run
 from tests.conftest import Install
-from tests.procedures.conftest import Benches, Palpate, refused
+from tests.procedures.conftest import Benches, Palpate, interrupt_at, refused
 from tests.runs import rehash
 
 RELAXATION = (Path(__file__).parents[1] / "examples" / "relaxation.py").read_text(encoding="utf-8")
@@ -42,34 +35,31 @@ def relaxation(install: Install) -> Path:
 
 def test_the_settings_of_a_packages_procedure_are_options_with_their_units(relaxation: Path, palpate: Palpate) -> None:
     said = " ".join(palpate("measure", "relaxation", "--help").out.split())
-    assert "--sample TEXT [default: 2]" in said
-    assert "--force <N> With which the probe presses. [default: 2 N]" in said
-    assert "--readings INTEGER [default: 4]" in said
-    assert "--bench FILE" in said
+    assert [
+        text
+        for text in (
+            "--sample TEXT [default: 2]",
+            "--force <N> With which the probe presses. [default: 2 N]",
+            "--readings INTEGER [default: 4]",
+            "--bench FILE",
+        )
+        if text not in said
+    ] == []
 
 
-def test_it_is_planned_and_nothing_is_sent(relaxation: Path, palpate: Palpate, benches: Benches) -> None:
-    found = palpate(*RELAX, "--readings", "3", "--dry-run", "--json").object
-    assert (len(found["points"]), found["expected_seconds"]) == (3, 15)
-    assert benches == []
-
-
-def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
+def test_it_is_planned_and_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
     relaxation: Path, palpate: Palpate, on_progress: Callable[[Progress], None]
 ) -> None:
     asked = (*RELAX, "--force", "200 gf", "--readings", "2")
+    planned = palpate(*asked, "--dry-run", "--json").object
+    assert (len(planned["points"]), planned["expected_seconds"]) == (2, 10)
     found = palpate(*asked, "--out", "whole", "--log", "log.pcapng", "--json").object
     assert [point["load_N"] for point in found["points"]] == pytest.approx([1.96, 1.96], rel=0.1)
     whole = Run.open(Path("whole"))
     assert whole.header["settings"] == {"sample": "2", "force": pytest.approx(1.96133), "readings": 2}
 
-    def stop(done: int, _total: int, _what: str) -> None:
-        if done == 1:
-            raise KeyboardInterrupt
-
-    on_progress(stop)
-    assert palpate(*asked, "--out", "cut").status == 130
-    assert len(Run.open(Path("cut")).points()) == 1
+    on_progress(interrupt_at(1))
+    assert (palpate(*asked, "--out", "cut").status, len(Run.open(Path("cut")).points())) == (130, 1)
     on_progress(silent)
     assert "procedure    relaxation, from acme-lab 1.2\n" in palpate("runs", "show", "cut").out
     rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.1"}))
@@ -78,8 +68,7 @@ def test_it_measures_and_interrupted_it_goes_on_and_its_log_is_replayed(
     rehash(Path("cut"), header=lambda header: header["versions"].update({"acme-lab": "1.2"}))
     assert palpate("runs", "resume", "cut", "--quiet").status == 0
     assert palpate("bus", "replay", "log.pcapng", "--out", "again", "--quiet").status == 0
-    assert Run.open(Path("cut")).digest() == whole.digest()
-    assert Run.open(Path("again")).points() == whole.points()
+    assert (Run.open(Path("cut")).digest(), Run.open(Path("again")).points()) == (whole.digest(), whole.points())
 
 
 ODD_VALUES = RELAXATION.replace("/ 1e9, self.load()", "/ 1e9, np.float32('nan')").replace(
@@ -111,63 +100,6 @@ def test_a_setting_of_a_base_class_is_an_option_of_all_its_procedures(install: I
     for name in names:
         assert "--rest <s>" in palpate("measure", name, "--help").out
         assert "--rest: '1 N' is in N where s belongs" in palpate("measure", name, "--rest", "1 N").complaint
-
-
-MORE = """
-import os, signal
-class Pausing(Relaxation):
-    name, pausable = "pausing", True
-class Mortal(Relaxation):
-    name = "mortal"
-    def begin(self, plan, lab, record):
-        return Dying(lab, self.sample, self.force)
-class Dying(Holding):
-    taken = 0
-    def take(self, step):
-        self.taken += 1
-        if self.taken == 3 and os.path.exists("kill"):
-            os.kill(os.getpid(), signal.SIGKILL)
-        return super().take(step)
-"""
-
-
-def test_the_key_p_pauses_it(install: Install, palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
-    install("acme-lab", GROUP, {"pausing": "acme_pausing:Pausing"}, acme_pausing=RELAXATION + MORE)
-
-    class Once:
-        keys: ClassVar = [False, True]
-
-        def asked(self) -> bool:
-            return self.keys.pop(0)
-
-        def wait(self) -> None:
-            pass
-
-    monkeypatch.setattr(keys, "keyboard", lambda: nullcontext(Once()))
-    palpate("measure", "pausing", "--readings", "2", "--scene", "ideal", "--out", "run", "--quiet")
-    assert [event["kind"] for event in Run.open(Path("run")).events()] == ["paused", "resumed"]
-
-
-@pytest.mark.slow  # processes
-def test_killed_it_goes_on_by_its_name_and_ends_as_one_that_was_not(install: Install, tmp_path: Path) -> None:
-    site = install("acme-lab", GROUP, {"mortal": "acme_mortal:Mortal"}, acme_mortal=RELAXATION + MORE)
-
-    def palpate(*words: str) -> tuple[int, str]:
-        command = [sys.executable, "-c", "from palpate.procedures.commands import main; main()", *words]
-        done = subprocess.run(
-            command, cwd=tmp_path, env={**os.environ, "PYTHONPATH": str(site)}, capture_output=True, text=True
-        )
-        return done.returncode, done.stderr
-
-    measure = ("measure", "mortal", "--scene", "ideal", "--quiet", "--out")
-    (tmp_path / "kill").touch()
-    assert palpate(*measure, "cut") == (-signal.SIGKILL, "")
-    cut = Run.open(tmp_path / "cut")
-    assert (cut.status, len(cut.points())) == ("running", 2)
-    (tmp_path / "kill").unlink()
-    assert palpate("runs", "resume", "cut", "--quiet") == (0, "")
-    assert palpate(*measure, "whole") == (0, "")
-    assert Run.open(tmp_path / "cut").digest() == Run.open(tmp_path / "whole").digest()
 
 
 # --- what is refused -----------------------------------------------------------------------------------
@@ -255,8 +187,7 @@ def test_a_broken_package_and_two_of_one_name_are_told_and_hinder_no_other(
     listed = " ".join(palpate("measure", "--help").out.split())
     assert "twin Cannot be used: procedure 'twin': first 1.2 and second 1.2 both have one" in listed
     assert "sweep-loads Load each sample with each load set" in listed
-    assert palpate(*RELAX, "--dry-run", "--quiet").status == 0
-    assert palpate("runs", "list").status == 0
+    assert (palpate(*RELAX, "--dry-run", "--quiet").status, palpate("runs", "list").status) == (0, 0)
     completed = CliRunner().invoke(root, prog_name="palpate", env={**COMPLETING, "COMP_WORDS": "palpate measure t"})
     assert "test-modulus" in completed.output
 
@@ -280,24 +211,9 @@ def test_every_setting_of_ours_is_an_option_that_says_what_it_is_and_a_text_for_
 @pytest.mark.parametrize(
     ("words", "message"),
     [
-        (
-            ("sweep", "loads", "--dwell", "1 s", "--tolerance", "3 %"),
-            "--dwell and --tolerance: the tolerance determines",
-        ),
-        (("calibrate", "load-cell", "--degree", "3"), "--degree: unknown degree '3'; valid: 1, 2, auto"),
-        (("calibrate", "model", "--reference", "A: 48 kPa"), "--reference: 'A: 48 kPa' lacks the unit or the"),
-        (("softness", "--samples", "9"), "--samples: unknown sample '9'"),
-    ],
-)
-def test_our_commands_refuse_a_text_by_the_name_of_its_option(
-    palpate: Palpate, benches: Benches, words: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate(*words), benches)
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
+        (("sweep-loads", "--dwell", "1 s", "--tolerance", "3 %"), "--dwell and --tolerance: the tolerance determines"),
+        (("calibrate-load-cell", "--degree", "3"), "--degree: unknown degree '3'; valid: 1, 2, auto"),
+        (("calibrate-model", "--reference", "A: 48 kPa"), "--reference: 'A: 48 kPa' lacks the unit or the"),
         (("sweep-loads", "--samples", "1, 1"), "--samples: sample '1' is named twice in '1, 1'"),
         (("sweep-loads", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must not decrease"),
         (
@@ -316,7 +232,7 @@ def test_our_commands_refuse_a_text_by_the_name_of_its_option(
         ),
     ],
 )
-def test_what_our_own_commands_refuse_in_a_list_is_refused_of_any_source(
+def test_what_our_own_commands_refuse_is_refused_by_the_name_of_its_option(
     palpate: Palpate, benches: Benches, words: tuple[str, ...], message: str
 ) -> None:
     assert message in refused(palpate("measure", *words, "--dry-run"), benches)

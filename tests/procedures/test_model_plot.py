@@ -67,8 +67,7 @@ def test_the_section_shows_every_body_on_both_sides_of_the_axis(picture: ModelPi
     meshes = [item for item in deformed.collections if isinstance(item, QuadMesh)]
     bodies = picture.sections[0].bodies
     # The object reaches the axis, the ring does not.
-    assert {name: len(pieces) for name, pieces in bodies.items()} == {"object": 1, "ring": 2}
-    assert len(meshes) == 3
+    assert ({name: len(pieces) for name, pieces in bodies.items()}, len(meshes)) == ({"object": 1, "ring": 2}, 3)
     for pieces in bodies.values():
         assert min(piece.x.min() for piece in pieces) == -max(piece.x.max() for piece in pieces)
     largest = max(picture.sections[0].largest.values())
@@ -117,8 +116,7 @@ def test_the_ratio_panel_holds_the_models_the_thesis_and_what_was_asked(
 def test_the_data_are_those_of_the_picture(picture: ModelPicture) -> None:
     data = picture.data()
     assert [point["sensed_modulus_Pa"] for point in data["points"]] == [1e5, 1e6]
-    assert set(data["deformation"]["largest_displacement_m"]) == {"object", "ring"}
-    assert len(data["pressure"]) == 2
+    assert (set(data["deformation"]["largest_displacement_m"]), len(data["pressure"])) == ({"object", "ring"}, 2)
     assert len(data["pressure"][0]["x_m"]) == len(data["pressure"][0]["pressure_Pa"]) > 20
     assert len(data["curves"]["column, physical parameters"]["force_ratio"]) == 200
     assert len(data["thesis"]["thesis, finite elements (A2.1)"]["force_ratio"]) == 48
@@ -143,8 +141,10 @@ def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPa
     }  # fmt: skip
     assert np.array(section.teeth) == pytest.approx(np.array([[4.6e-3, 7.4e-3], [16.6e-3, 19.4e-3]]))
     # Symmetric about the middle, and harder on the teeth than beside them.
-    assert section.x + section.x[::-1] == pytest.approx(np.full(len(section.x), 24e-3))
-    assert section.pressure == pytest.approx(section.pressure[::-1])
+    assert (section.x + section.x[::-1], section.pressure) == (
+        pytest.approx(np.full(len(section.x), 24e-3)),
+        pytest.approx(section.pressure[::-1]),
+    )
     on_teeth = np.abs(section.x % 12e-3 - 6e-3) < 1.4e-3
     assert section.pressure[on_teeth].min() > section.mean > np.median(section.pressure[~on_teeth])
     assert (deformed.get_xlabel(), pressure.get_xlim()) == ("place along the sensor (mm)", (0, 24))
@@ -169,8 +169,7 @@ def test_a_model_without_a_section_gets_the_ratio_alone(palpate: Palpate, few_cu
     assert said.object["file"] == str(Path("sensor.png").absolute())
     assert Path("sensor.png").exists()
     assert said.object["deformation"] is None
-    assert said.object["pressure"] == []
-    assert set(said.object["curves"]) == {"column", "experiment"}
+    assert (said.object["pressure"], set(said.object["curves"])) == ([], {"column", "experiment"})
 
 
 def test_without_a_name_each_picture_is_a_new_file_of_the_store(palpate: Palpate, few_curves: None) -> None:
@@ -201,8 +200,7 @@ def test_bad_input_is_one_error_and_leaves_no_file(palpate: Palpate, wrong: tupl
     said = palpate(*changed((*CLOSED, "--out", "new.png"), *wrong))
     assert said.status == 2
     assert message in said.complaint
-    assert len(said.complaint.splitlines()) == 1
-    assert [file.name for file in Path().iterdir()] == ["taken.png"]
+    assert (len(said.complaint.splitlines()), [file.name for file in Path().iterdir()]) == (1, ["taken.png"])
 
 
 def test_an_empty_name_is_refused(palpate: Palpate) -> None:

@@ -8,28 +8,20 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.errors import RangeError, SafetyError, UnreachableError
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate import ModulusTest, RangeError, Run, get_design, get_sample
+from palpate.extend import Bench, Lab, LoadCellCalibration, Recorder, SafetyError, Target
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.errors import UnreachableError
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import operator
-from palpate.procedures.lab.lab import Lab, Target
 from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.measurements import modulus
-from palpate.procedures.measurements.modulus import ModulusResult, ModulusTest
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
+from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Benches, Palpate, refused, scene_of
 
-RESULT = {
-    "simulated", "run", "sample", "tangent_modulus_Pa", "tangent_modulus_u", "secant_modulus_Pa", "secant_modulus_u",
-    "unloading_modulus_Pa", "unloading_modulus_u", "thickness_m", "thickness_u", "bench_compliance_m_per_N",
-    "bench_compliance_u", "linearity", "energy_loss", "energy_loss_u", "thesis_modulus_Pa", "points", "budgets", "plot",
-}  # fmt: skip
 THREE = ModulusTest("1", strain=0.3, steps=3)
 
 
@@ -62,8 +54,10 @@ def test_the_modulus_is_that_of_the_sample_and_every_step_is_kept(
         assert abs(found.value - true) < 3 * found.u
         assert found.u < 0.1 * true
     run = Run.open(tmp_path / "run")
-    assert run.summary == result.summary()
-    assert [p["series"] for p in run.points()] == [*3 * ["bare"], *3 * ["loading"], *3 * ["unloading"]]
+    assert (run.summary, [p["series"] for p in run.points()]) == (
+        result.summary(),
+        [*3 * ["bare"], *3 * ["loading"], *3 * ["unloading"]],
+    )
     assert [p.strain for p in c.points if p.direction == "loading"] == pytest.approx([0.1, 0.2, 0.3], abs=0.04)
 
 

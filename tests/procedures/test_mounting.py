@@ -12,14 +12,11 @@ from typing import Any
 import pytest
 import tomli_w
 
-from palpate.instrument.errors import UsageError
-from palpate.procedures.engine.procedure import Procedure
+from palpate import PositionSweep, Run, TemperatureSweep, UsageError
+from palpate.extend import Procedure
 from palpate.procedures.lab import operator
 from palpate.procedures.lab.chosen import choose
 from palpate.procedures.lab.operator import Mounting, at_terminal, weaker
-from palpate.procedures.measurements.position import PositionSweep
-from palpate.procedures.measurements.temperature import TemperatureSweep
-from palpate.procedures.records.run import Run
 from palpate.procedures.showing.text import where
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import Benches, Palpate, refused
@@ -97,8 +94,10 @@ def test_a_changer_that_is_absent_mounts_nothing(palpate: Palpate, headless: str
 
 def test_what_is_assumed_is_told_by_the_record_the_report_and_json(palpate: Palpate, headless: str) -> None:
     said = palpate(*SWEEP, "--bench", headless, "--assume-mounted", "--out", "first", "--json")
-    assert said.err == "assumed, as --assume-mounted asks: Mount sample 1 (white silicone rubber, 3 mm)\n"
-    assert said.object["mounting"] == "assumed"
+    assert (said.err, said.object["mounting"]) == (
+        "assumed, as --assume-mounted asks: Mount sample 1 (white silicone rubber, 3 mm)\n",
+        "assumed",
+    )
     assert where(said.object, Path("plot.png"))[1] == "mounting       ASSUMED, nobody has confirmed it"
     assert Run.open(Path("first")).header["mounting"] == "assumed"
     assert "mounting     ASSUMED, nobody has confirmed it\n" in palpate("runs", "show", "first").out

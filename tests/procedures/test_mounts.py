@@ -8,25 +8,25 @@ from pathlib import Path
 
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate import (
+    Characterisation,
+    FrequencySweep,
+    LoadSweep,
+    ObjectModulus,
+    SoftnessTest,
+    TemperatureSweep,
+    get_design,
+    get_sample,
+)
+from palpate.extend import Bench, Lab, Procedure, Recorder, Scene, Target
 from palpate.instrument.bench.kinds import KINDS
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import SampleError
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import SAMPLES, get_sample
+from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.engine.procedure import Procedure
 from palpate.procedures.lab.chosen import choose
-from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Lab, Mounts, Target, mounts_by
-from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.frequency import FrequencySweep
-from palpate.procedures.measurements.loads import LoadSweep
-from palpate.procedures.measurements.object_modulus.procedure import ObjectModulus
-from palpate.procedures.measurements.softness import SoftnessTest
-from palpate.procedures.measurements.temperature import TemperatureSweep
-from palpate.procedures.records.record import Recorder
+from palpate.procedures.lab.lab import BY_HAND, MOUNTING, Mounts, mounts_by
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import HEADER
 
 CHANGER = Mounts(5.0, changer=True)
@@ -43,8 +43,7 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 def test_a_bench_file_with_a_sample_changer_tells_its_time(sim: SimulatedBench, tmp_path: Path) -> None:
     file = tmp_path / "bench.toml"
     file.write_text(sim.description.patient().to_toml(), encoding="utf-8")
-    assert choose(file).target.mounts == CHANGER
-    assert choose(None).target.mounts == BY_HAND
+    assert (choose(file).target.mounts, choose(None).target.mounts) == (CHANGER, BY_HAND)
     unknown = replace(KINDS["sample_changer"], exchange=None)
     assert mounts_by(lambda role: unknown if role == "sample_changer" else None) == Mounts(MOUNTING, changer=True)
 

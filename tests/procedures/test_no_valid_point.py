@@ -11,12 +11,11 @@ import numpy as np
 import pytest
 from rich.table import Table
 
-from palpate.instrument.errors import EstimateError
-from palpate.instrument.sensor.designs import get_design
+from palpate import EstimateError, get_design
+from palpate.extend import SimpleResult
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.commands.options import Output
 from palpate.procedures.commands.procedures import tell_result
-from palpate.procedures.engine.procedure import SimpleResult
 from palpate.procedures.showing.text import MARKS, legend
 from palpate.procedures.steps import film_point, flags
 from palpate.procedures.steps.film_point import FilmPoint
@@ -48,8 +47,7 @@ def test_a_sweep_without_a_valid_point_fails_with_the_reason_and_where_the_point
 ) -> None:
     said = palpate(*LOADS, "--scene", off, "--json")
     found = json.loads(said.out)
-    assert said.status == 1
-    assert [point["valid"] for point in found["points"]] == [False]
+    assert (said.status, [point["valid"] for point in found["points"]]) == (1, [False])
     error, kept = said.err.splitlines()
     assert error.startswith("palpate: error: no point of 1 is valid, so there is no result. frequency (1): ")
     assert found["run"] in kept
@@ -98,8 +96,7 @@ def test_a_mark_is_explained_below_the_table_in_which_it_stands_and_no_other(mar
     cells: dict[str, Any] = {"*": ("1", "2*", "yes"), "-": ("1", "-", "yes"), "NO": ("1", "2", "NO")}
     table.add_row(*cells.get(mark, ("1", "2", f"yes {mark}")))
     clean.add_row("1", "2", "yes")
-    assert legend(table) == [f"{mark:<14} {MARKS[mark]}"]
-    assert legend(clean) == []
+    assert (legend(table), legend(clean)) == ([f"{mark:<14} {MARKS[mark]}"], [])
 
 
 def test_a_result_without_a_budget_says_so_where_one_is_asked_for(capsys: pytest.CaptureFixture[str]) -> None:

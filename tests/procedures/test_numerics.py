@@ -1,9 +1,10 @@
-"""palpate accuracy numerics: every method on one table, with its error and its time."""
+"""`palpate accuracy numerics`: every method on one table, with its error and its time; integrators among them."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
@@ -14,6 +15,7 @@ from palpate.procedures.accuracy import numerics
 from palpate.procedures.accuracy.numerics import BOUND, Task, Way, of_estimators, of_models
 from palpate.procedures.virtual import numerics as collecting
 from palpate.simulators.linear import integrators
+from palpate.simulators.linear.integrators import STATES, STIFFNESS, IntegratorError, chain, compare
 from tests.procedures.conftest import Palpate
 
 FREQUENCY, RATE = 10.0, 250.0
@@ -108,8 +110,10 @@ def test_the_command_joins_all_tasks_in_one_schema_with_a_picture(palpate: Palpa
     for task in found["tasks"]:
         assert task.keys() == {"task", "clock", "reference", "ways"}
         for way in task["ways"]:
-            assert way.keys() == {"method", "setting", "error", "seconds", "failure", "front"}
-            assert (way["error"] is None) == bool(way["failure"])
+            assert (way.keys(), way["error"] is None) == (
+                {"method", "setting", "error", "seconds", "failure", "front"},
+                bool(way["failure"]),
+            )
     failed = [(way["method"], way["failure"]) for task in found["tasks"] for way in task["ways"] if way["failure"]]
     assert failed[-1] == ("Bouc-Wen, explicit Euler", "runs away")
 
@@ -128,3 +132,37 @@ def test_the_bare_command_shows_the_modulus_and_refuses_what_it_does_not_know(pa
     assert bare["front"] == named["front"]
     assert "numerics" in palpate("accuracy", "--help").out
     assert "No such command 'dwel'" in palpate("accuracy", "dwel").err
+
+
+# --- What each method that integrates in time costs, with its failures left in ------------------------
+
+
+@pytest.fixture(scope="module")
+def integrated() -> list[IntegratorError]:
+    """Each method once, on a short record."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(integrators, "DURATION", 1.0)
+        patch.setattr(integrators, "REPEATED", 0.0)
+        patch.setattr(integrators, "TOLERANCES", {"Radau": (1e-3,), "LSODA": (1e-6, 1e-9)})
+        return list(compare())
+
+
+def test_the_chain_is_as_stiff_and_as_large_as_is_said() -> None:
+    rates = np.abs(np.linalg.eigvals(chain().a))
+    assert (len(rates), rates.max() / rates.min()) == (STATES, pytest.approx(STIFFNESS, rel=1e-9))
+
+
+def test_exact_methods_are_exact_and_the_others_as_good_as_their_order_says(integrated: list[IntegratorError]) -> None:
+    rows: dict[str, list[IntegratorError]] = {}
+    for row in integrated:
+        rows.setdefault(row.method, []).append(row)
+    errors: dict[str, Any] = {method: [row.error for row in own] for method, own in rows.items()}
+    assert errors["closed form"][0] < 1e-12
+    assert errors["matrix exponential, blocks"][0] < 1e-9
+    for method in ("first-order hold", "trapezoid"):  # second order: a step ten times finer is a hundred times better
+        assert errors[method][1] / errors[method][2] == pytest.approx(100, rel=0.05)
+    assert errors["Radau"][0] < 1e-2
+    assert errors["LSODA"][1] < errors["LSODA"][0] < 1e-4
+    fails, holds = rows["explicit Euler"]  # 2.1 and 1.9 us: a microsecond is followed up to a step of two
+    assert (fails.error, fails.failure) == (None, "diverges")
+    assert holds.error is not None and holds.error < 1e-2

@@ -18,7 +18,7 @@ PAGES = pages()
 README_LINES = 150
 ELSEWHERE = {
     "README.md": ".ci/run",
-    "docs/validation.md": "tests/procedures/test_validation_command.py",
+    "docs/validation.md": "tests/procedures/test_model_command.py",
 }  # pages with commands that are run there
 
 

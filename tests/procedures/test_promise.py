@@ -9,31 +9,34 @@ from __future__ import annotations
 import math
 import shlex
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
 import pytest
 
 import palpate
-from palpate.extend import Procedure
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import get_sample
-from palpate.instrument.uncertainty.budget import Budget, Component
-from palpate.procedures.engine.plan import first_steps
-from palpate.procedures.engine.procedure import Expected, SimpleResult, achieved
+from palpate import (
+    Characterisation,
+    FilmSeries,
+    FrequencySweep,
+    LoadCellSeries,
+    LoadSweep,
+    ModulusTest,
+    PositionSweep,
+    Reference,
+    ReferenceSeries,
+    SoftnessTest,
+    TemperatureSweep,
+    get_design,
+    get_sample,
+)
+from palpate.extend import Procedure, Recorder, Target
+from palpate.procedures.accuracy.promises import promises
 from palpate.procedures.lab.chosen import choose
-from palpate.procedures.lab.lab import Target
 from palpate.procedures.lab.session import Outcome
-from palpate.procedures.measurements.characterise.procedure import Characterisation
-from palpate.procedures.measurements.films import FilmSeries
-from palpate.procedures.measurements.frequency import FrequencySweep
-from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.loads import LoadSweep
-from palpate.procedures.measurements.modulus import ModulusTest
-from palpate.procedures.measurements.position import PositionSweep
-from palpate.procedures.measurements.references import Reference, ReferenceSeries
-from palpate.procedures.measurements.softness import SoftnessTest
-from palpate.procedures.measurements.temperature import TemperatureSweep
-from tests.procedures.conftest import Palpate
+from tests.procedures.conftest import HEADER, Palpate
+
+pytestmark = pytest.mark.usefixtures("own_store")
 
 TIME = (0.9, 1.1)
 
@@ -101,11 +104,6 @@ def _named(case: Case) -> str:
     return f"{case.procedure.name}-{case.scene}"
 
 
-@pytest.fixture(autouse=True)
-def _own_store(monkeypatch: pytest.MonkeyPatch, tmp_path: Any) -> None:
-    monkeypatch.setenv("PALPATE_STORE", str(tmp_path))
-
-
 @pytest.mark.parametrize("case", QUICK, ids=_named)
 def test_a_short_run_keeps_what_its_plan_predicts(case: Case) -> None:
     _check(case)
@@ -164,41 +162,9 @@ def test_a_run_with_a_target_has_each_result_that_its_plan_predicts(case: Case) 
     _check(case)
 
 
-def test_four_times_the_load_sets_halve_what_is_expected() -> None:
-    target = _target()
-    one, four = (LoadSweep(("1",), (4.0,) * sets).plan(target).predicted.u for sets in (2, 8))
-    assert one is not None and four is not None
-    assert four == pytest.approx(one / 2)
-
-
-def test_a_calibration_of_the_films_is_a_line_of_what_is_expected() -> None:
-    target = _target()
-    films = replace(target.design, film_covariance=((4e-4, 0.0), (0.0, 0.0)), film_freedom=5.0)
-    plain, calibrated = (
-        LoadSweep(("1",)).plan(replace(target, design=each)).predicted.u for each in (target.design, films)
-    )
-    assert plain is not None and calibrated is not None
-    assert calibrated == pytest.approx(math.hypot(plain, 0.02))
-
-
 def test_a_load_cell_that_is_turned_takes_the_time_to_turn_it() -> None:
-    once, turned = (LoadCellSeries(positions=places).plan(_target()) for places in ((0.0,), (0.0, 120.0)))
+    once, turned = (LoadCellSeries(positions=places).plan(choose(None).target) for places in ((0.0,), (0.0, 120.0)))
     assert turned.seconds == pytest.approx(2 * (once.seconds + 60))
-
-
-def test_a_greater_load_takes_more_servo_steps() -> None:
-    assert [first_steps(load) for load in (0.4, 1.5, 3.0, 4.0, 7.0)] == [2, 3, 3, 4, 4]
-
-
-def test_a_result_that_a_run_does_not_have_is_not_achieved() -> None:
-    budget = Budget("modulus of A, scale", 50.0, "Pa", (Component("scatter", 5.0),))
-    expected = [Expected("modulus of A, scale", 0.2), Expected("modulus of B, scale", 0.2)]
-    result: SimpleResult[Any] = SimpleResult(points=(), budgets=(budget,))
-    assert achieved(expected, result) == [Expected("modulus of A, scale", 0.1)]
-
-
-def _target() -> Target:
-    return choose(None).target
 
 
 @pytest.mark.slow
@@ -225,3 +191,90 @@ def test_every_plan_takes_the_noise_that_the_bench_file_states(
     quiet, loud = (procedure.plan(target).predicted for target in (usual, noisy))
     before, after = ([each["u"] for each in planned.details["predicted_results"]] for planned in (quiet, loud))
     assert after > before or loud.seconds > 1.2 * quiet.seconds, (before, after)
+
+
+# --- `palpate accuracy promises` compares what runs were predicted to take and to give with wha -------
+
+
+def run(name: str, procedure: str = "measure-modulus", simulated: bool = True, **summary: Any) -> None:
+    """A complete run of a store with this summary."""
+    with Recorder.create(Path("runs") / name, {**HEADER, "procedure": procedure, "simulated": simulated}) as record:
+        record.finish("complete", summary)
+
+
+def promise(seconds: float, taken: float | None, u: float | None, reached: float | None) -> dict[str, float | None]:
+    return {"predicted_seconds": seconds, "achieved_seconds": taken, "predicted_u": u, "achieved_u": reached}
+
+
+def results(predicted: float, achieved: float) -> dict[str, Any]:
+    """Of two results, the second of which the run does not have."""
+    told = [{"name": name, "u": predicted, "unit": unit} for name, unit in (("ratio", "relative"), ("place", "mm"))]
+    return {"predicted_results": told, "achieved_results": [{**told[0], "u": achieved}, {**told[1], "unit": "m"}]}
+
+
+@pytest.fixture
+def store(palpate: Palpate) -> Palpate:
+    run("one", **promise(80.0, 88.0, 0.02, 0.03), **results(0.02, 0.03), planned={"longest_s": 87.0})
+    run("two", **promise(100.0, 90.0, 0.02, None), **results(0.02, 0.01), planned={"longest_s": 110.0})
+    run("real", simulated=False, **promise(100.0, None, 0.02, 0.02))
+    run("sweep", "sweep-loads", **promise(50.0, 50.0, None, None))
+    run("old", "sweep-loads", bench_seconds=50.0)
+    with Recorder.create(Path("runs/cut"), HEADER):
+        pass
+    (Path("runs/one").parent / "broken").mkdir()
+    Path("runs/broken/run.head").write_bytes(b"nothing")
+    Path("runs/broken/run.record").write_bytes(b"nothing")
+    return palpate
+
+
+def test_achieved_over_predicted_values_are_gathered_by_procedure_and_kind_of_bench(store: Palpate) -> None:
+    found = store("accuracy", "promises", "--json").object
+    by = {(row["procedure"], row["simulated"]): row for row in found["procedures"]}
+    assert by.keys() == {("measure-modulus", True), ("measure-modulus", False), ("sweep-loads", True)}
+    simulated = by["measure-modulus", True]
+    assert simulated["seconds_over_predicted"] == {
+        "count": 2, "mean": pytest.approx(1.0), "least": pytest.approx(0.9), "greatest": pytest.approx(1.1),
+    }  # fmt: skip
+    assert (simulated["u_over_predicted"]["mean"], simulated["within_bound"]) == (
+        pytest.approx(1.5),
+        {"count": 2, "share": 0.5},
+    )
+    (ratio,) = simulated["results"]
+    assert (ratio["name"], ratio["u_over_predicted"]) == (
+        "ratio",
+        {"count": 2, "mean": pytest.approx(1.0), "least": 0.5, "greatest": 1.5},
+    )
+    one = next(each for each in found["runs"] if each["run"] == "one")
+    assert (one["within_bound"], one["bound_seconds"]) == (False, 87.0)
+    assert [each["u_over_predicted"] for each in one["results"]] == [1.5, None]
+    assert by["measure-modulus", False]["within_bound"] is None
+    assert by["measure-modulus", False]["seconds_over_predicted"] is None
+    assert by["sweep-loads", True]["u_over_predicted"] is None
+    assert (found["without"], found["unreadable"], len(found["runs"])) == (1, ["broken"], 4)
+
+
+def test_people_get_a_table(store: Palpate) -> None:
+    said = store("accuracy", "promises")
+    assert said.status == 0
+    rows = " ".join(said.out.split())
+    assert "measure-modulus simulated 2 1.000 0.90 to 1.10 50% of 2" in rows
+    assert "measure-modulus ratio 2 1.000 0.50 to 1.50" in rows
+    assert "1 run of an older version without a promise" in said.out and "cannot be read: broken" in said.out
+
+
+def test_an_empty_store_has_no_promise_and_a_missing_one_is_refused(palpate: Palpate) -> None:
+    assert "has no complete run with a promise" in palpate("accuracy", "promises").out
+    assert (
+        "is no folder; name one that holds runs with --store"
+        in palpate("accuracy", "promises", "--store", "nowhere").complaint
+    )
+    assert promises(Path("nowhere")).runs == []
+
+
+def test_every_run_keeps_its_promise_in_its_summary(palpate: Palpate) -> None:
+    found = palpate("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json").object
+    assert found["predicted_seconds"] == pytest.approx(found["achieved_seconds"], rel=0.1)
+    kept = promises(Path("runs"))
+    assert [(each.procedure, each.predicted_seconds) for each in kept.runs] == [
+        ("sweep-loads", found["predicted_seconds"])
+    ]

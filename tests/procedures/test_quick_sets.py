@@ -12,13 +12,10 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate.extend import Bench, DeviceError, DynamicLoadWork, Lab, Recorder, SafetyError
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import DeviceError, SafetyError, UnreachableError
+from palpate.instrument.errors import UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.work import DynamicLoadWork
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.steps.probe import APPROACH_STEP, approach, preload
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import HEADER, OFF, happens_in, outputs
@@ -55,8 +52,7 @@ def test_a_set_made_again_is_a_new_one_and_takes_half_a_second_beside_its_dwell(
         assert point.valid
         assert point.load_measured_N == pytest.approx(LOAD, abs=0.1)
         sets.append(first.sim.rig.set_at_ns)
-    assert len(set(sets)) == 4
-    assert first.work.servo.amplitude == amplitude
+    assert (len(set(sets)), first.work.servo.amplitude) == (4, amplitude)
     assert first.sim.clock.now_ns() - began <= 4 * (0.5 + 0.1 + 0.1) * 1e9
 
 
@@ -82,22 +78,17 @@ def test_too_much_force_stops_a_set_that_is_made_again(first: Set, moment: float
 def test_a_load_that_has_drifted_is_set_by_the_load_cell_anew(first: Set) -> None:
     stiffen(first.sim, 1.3)
     point = first.work.again(LOAD, "again", 0.1)
-    assert (point.attempts, point.valid) == (2, True)
-    assert point.load_measured_N == pytest.approx(LOAD, abs=0.1)
+    assert (point.attempts, point.valid, point.load_measured_N) == (2, True, pytest.approx(LOAD, abs=0.1))
 
 
-def test_an_open_bridge_stops_a_set_that_is_made_again(first: Set, monkeypatch: pytest.MonkeyPatch) -> None:
-    open_bridge(first.sim, monkeypatch)
-    with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
-        first.work.again(LOAD, "again", 0.1)
-    assert outputs(first.sim) == OFF
-
-
-def test_a_glance_at_an_open_bridge_stops_a_set_before_its_dwell(first: Set, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("glance", [False, True])
+def test_an_open_bridge_stops_a_set_that_is_made_again_at_a_glance_before_its_dwell(
+    first: Set, monkeypatch: pytest.MonkeyPatch, glance: bool
+) -> None:
     first.work.servo.glance()
     open_bridge(first.sim, monkeypatch)
     with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
-        first.work.servo.glance()
+        first.work.servo.glance() if glance else first.work.again(LOAD, "again", 0.1)
     assert outputs(first.sim) == OFF
 
 
@@ -110,8 +101,10 @@ def test_the_approach_reaches_the_force_in_a_third_of_the_time(sim: SimulatedBen
     for press in (preload, lambda *given: approach(*given, "it").force):
         bench.device("positioner").home()
         began = sim.clock.now_ns()
-        assert press(bench, THESIS_LOAD_CELL, PRELOAD) == pytest.approx(PRELOAD, rel=0.05)
-        assert now(sim).mean() == pytest.approx(PRELOAD, rel=0.1)
+        assert (press(bench, THESIS_LOAD_CELL, PRELOAD), now(sim).mean()) == (
+            pytest.approx(PRELOAD, rel=0.05),
+            pytest.approx(PRELOAD, rel=0.1),
+        )
         times.append(1e-9 * (sim.clock.now_ns() - began))
     assert times[1] < 8
     assert 2.8 * times[1] < times[0]
@@ -127,16 +120,13 @@ def moves(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[float]:
     return sent
 
 
-def test_no_step_is_longer_than_one_of_the_slow_approach(bench: Bench, moves: list[float]) -> None:
-    bench.operator.mount(SAMPLES["1"])
-    found = approach(bench, THESIS_LOAD_CELL, PRELOAD, "it")
-    assert np.abs(np.diff([0.0, *moves])).max() <= APPROACH_STEP * (1 + 1e-12)
-    assert 0 < found.free < found.position
-
-
-def test_what_is_known_to_be_free_is_crossed_in_one_move_but_for_one_step(bench: Bench, moves: list[float]) -> None:
+def test_no_step_is_longer_than_a_slow_one_and_what_is_known_to_be_free_is_crossed_in_one_move_but_for_one_step(
+    bench: Bench, moves: list[float]
+) -> None:
     bench.operator.mount(SAMPLES["1"])
     first = approach(bench, THESIS_LOAD_CELL, PRELOAD, "it")
+    assert np.abs(np.diff([0.0, *moves])).max() <= APPROACH_STEP * (1 + 1e-12)
+    assert 0 < first.free < first.position
     bench.device("positioner").home()
     before = len(moves)
     again = approach(bench, THESIS_LOAD_CELL, PRELOAD, "it", free_until=first.free)

@@ -12,27 +12,28 @@ from pathlib import Path
 import pytest
 import scipy
 
-from palpate.instrument.calibration.files import read_calibration, write_calibration
-from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.errors import EstimateError, QuantityError, RangeError, UsageError
-from palpate.instrument.models.curve import ratio_curve
-from palpate.instrument.models.response import RatioQuestion
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.calibrations import path_of, probable_references
-from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements import softness
-from palpate.procedures.measurements.references import (
-    MODULUS,
+from palpate import (
+    EstimateError,
+    RangeError,
     Reference,
     ReferenceSeries,
-    ReferencesResult,
-    evaluate,
+    Run,
+    SoftnessTest,
+    UsageError,
+    get_design,
+    get_sample,
+    read_calibration,
     read_reference,
 )
-from palpate.procedures.measurements.softness import SoftnessPoint, SoftnessTest
-from palpate.procedures.records.run import Run
-from palpate.simulators.planning.settle import read_scene
+from palpate.extend import ModelCalibration, Target, read_scene
+from palpate.instrument.calibration.files import write_calibration
+from palpate.instrument.errors import QuantityError
+from palpate.instrument.models.curve import ratio_curve
+from palpate.instrument.models.response import RatioQuestion
+from palpate.procedures.lab.calibrations import path_of, probable_references
+from palpate.procedures.measurements import softness
+from palpate.procedures.measurements.references import MODULUS, ReferencesResult, evaluate
+from palpate.procedures.measurements.softness import SoftnessPoint
 from tests.procedures.conftest import Palpate
 
 QUICK = ("--loads", "2 N, 3 N", "--dwell", "0.2 s")
@@ -87,14 +88,6 @@ def test_a_softness_test_uses_and_names_the_calibration_of_its_model(palpate: Pa
 
 
 @pytest.mark.slow
-def test_another_scene_model_or_seed_is_another_sensor(palpate: Palpate) -> None:
-    palpate(*CALIBRATE, "--json")
-    for other in (("--seed", "7"), ("--scene", "ideal"), ("--model", "column")):
-        words = [word for word in SOFTNESS if "--model" not in other or word not in ("--model", "auto")]
-        assert palpate(*words, *other).object["validation_line"]["constant"] == 0.0
-
-
-@pytest.mark.slow
 def test_a_run_that_tested_the_modulus_is_a_reference(palpate: Palpate) -> None:
     tested = palpate("test", "modulus", "--sample", "4", "--json").object
     name = Path(tested["run"]).name
@@ -111,26 +104,19 @@ def test_a_run_that_tested_the_modulus_is_a_reference(palpate: Palpate) -> None:
 
 
 @pytest.mark.slow
-def test_a_calibration_of_a_model_is_replayed_from_its_bus_log(palpate: Palpate) -> None:
-    whole = palpate(*CALIBRATE, "--json", "--log", "log.pcapng").object
-    again = palpate("bus", "replay", "log.pcapng", "--out", "again", "--json").object
-    assert again["references"] == whole["references"]
-    assert Run.open(Path("again")).digest() == Run.open(Path(whole["run"])).digest()
-
-
-def test_the_dry_run_tells_what_the_calibration_will_be_worth_for_a_modulus(palpate: Palpate) -> None:
-    said = palpate("calibrate", "model", "--reference", "A: 48 kPa ± 2 %", "--dry-run").out
-    assert "modulus of an object        16 %  relative" in said
-
-
-@pytest.mark.slow
 def test_people_are_told_what_the_calibration_is_worth(palpate: Palpate) -> None:
     said = palpate("calibrate", "model", "--reference", "A: 48 kPa ± 2 %", *QUICK).out
-    assert "SIMULATED Calibration of model 'surface' (physical set, single)" in said
-    assert "spread         5.3 % of the ratio (5 degrees of freedom): spread of the thesis' 5.3 %" in said
-    assert "modulus        by 1 reference u " in said
-    assert "another        u " in said
-    assert "films          not calibrated; what their sensitivities are off by is the same" in said
+    assert [
+        text
+        for text in (
+            "SIMULATED Calibration of model 'surface' (physical set, single)",
+            "spread         5.3 % of the ratio (5 degrees of freedom): spread of the thesis' 5.3 %",
+            "modulus        by 1 reference u ",
+            "another        u ",
+            "films          not calibrated; what their sensitivities are off by is the same",
+        )
+        if text not in said
+    ] == []
 
 
 @pytest.mark.parametrize(
@@ -225,22 +211,27 @@ def test_the_calibration_has_each_line_of_the_measured_ratios_and_its_worth_is_t
         assert (kept.force_ratio_u, kept.films_u, kept.pickup_u) == pytest.approx((own, 0.006, 0.002))
         at, step = math.log(each.modulus), 1e-4
         low, high = CURVE.force_ratio([math.exp(at - step), math.exp(at + step)])
-        assert kept.sensitivity == pytest.approx(2 * step / math.log(high / low), rel=1e-5)
-        assert kept.model_force_ratio == pytest.approx(float(CURVE.force_ratio(each.modulus)))
-    assert c.constant == pytest.approx(math.log(1 / 0.8))
-    assert found.summary()["factor"] == pytest.approx(1 / 0.8)
+        assert (kept.sensitivity, kept.model_force_ratio) == (
+            pytest.approx(2 * step / math.log(high / low), rel=1e-5),
+            pytest.approx(float(CURVE.force_ratio(each.modulus))),
+        )
+    assert (c.constant, found.summary()["factor"]) == (pytest.approx(math.log(1 / 0.8)), pytest.approx(1 / 0.8))
     _, sensitivity, _ = sorted(each.sensitivity for each in c.references)
     now, another, any_number = found.accuracies
     assert (now.references, another.references, any_number.references) == (3, 4, None)
     line, more = c.line(same_films=True), c.with_more(4)
     assert line.u is not None and more is not None and more.u is not None
-    assert another.modulus_u == pytest.approx(sensitivity * more.u)
-    assert now.modulus_u == pytest.approx(sensitivity * line.u)
-    assert now.half_width == pytest.approx(now.modulus_u * scipy.stats.t.ppf(0.975, line.degrees_of_freedom))
+    assert (another.modulus_u, now.modulus_u, now.half_width) == (
+        pytest.approx(sensitivity * more.u),
+        pytest.approx(sensitivity * line.u),
+        pytest.approx(now.modulus_u * scipy.stats.t.ppf(0.975, line.degrees_of_freedom)),
+    )
     constant, spread = found.budgets[-1], c.spread
     assert spread is not None and c.weight == pytest.approx(1 / 3, rel=0.05)
-    assert constant.value == c.constant
-    assert constant.u == pytest.approx(math.hypot(spread * math.sqrt(c.weight), c.constant_u, 0.006, 0.002))
+    assert (constant.value, constant.u) == (
+        c.constant,
+        pytest.approx(math.hypot(spread * math.sqrt(c.weight), c.constant_u, 0.006, 0.002)),
+    )
     assert [part.degrees_of_freedom for part in constant.components] == [c.spread_degrees_of_freedom, *[math.inf] * 3]
     assert found.unbudgeted == {MODULUS: (1.0, now.modulus_u)}
 
@@ -255,8 +246,10 @@ def test_what_references_and_object_share_cancels_in_both_uncertainties_of_a_sof
         assert found.validation == line
         assert line.u is not None and each.absolute_u is not None
         apart = math.hypot(own, each.curve_error / math.sqrt(3), 0.0 if same else films)
-        assert each.absolute_u == pytest.approx((each.sensitivity or 0.0) * math.hypot(apart / ratio, line.u))
-        assert absolute.u / absolute.value == pytest.approx(each.absolute_u)
+        assert (each.absolute_u, absolute.u / absolute.value) == (
+            pytest.approx((each.sensitivity or 0.0) * math.hypot(apart / ratio, line.u)),
+            pytest.approx(each.absolute_u),
+        )
         assert ("films' calibration" in [part.name for part in absolute.components]) is not same
 
 

@@ -30,7 +30,7 @@ from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, SweepRes
 from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import chapter4, chapter5, curves, everything, models
-from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, quantities, read_traces, distortion_sentence
+from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, distortion_sentence, quantities, read_traces
 from palpate.procedures.reproduce.criterion import LEAST_SHARE, all_means, judge
 from palpate.procedures.reproduce.curves import CurveCase, Curves, Solutions
 from palpate.procedures.reproduce.page import Everything

@@ -1,28 +1,28 @@
-"""Unknown objects get a modulus with an interval, or a bound, and an order."""
+"""Unknown objects get a modulus with an interval, or a bound, and an order that is known to a risk."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import replace
+from pathlib import Path
 
 import pytest
 
-from palpate.instrument.errors import RangeError
+import palpate
+from palpate import RangeError, SoftnessTest, get_design, get_sample, unknown_object
+from palpate.extend import Target
 from palpate.instrument.models.response import RatioQuestion
 from palpate.instrument.models.springs import ratio_of_modulus
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import get_sample
-from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.softness import (
+    NotTold,
+    Ranked,
     SoftnessPoint,
     SoftnessResult,
-    SoftnessTest,
     default_model,
     evaluate,
     price_of,
-    unknown_object,
+    ranked_lines,
 )
-from tests.procedures.conftest import Benches, Palpate, refused
+from tests.procedures.conftest import Benches, Palpate, refused, resumed_digest
 
 SINGLE = get_design("single")
 REAL = Target(SINGLE, 10.0, nodes=1)
@@ -46,8 +46,7 @@ def test_the_modulus_is_that_of_the_model_and_the_interval_covers_it() -> None:
     assert each.modulus_Pa == pytest.approx(true, rel=1e-6)
     assert each.scale_low_Pa is not None and each.scale_high_Pa is not None
     assert each.scale_low_Pa < true < each.scale_high_Pa
-    assert each.force_ratio_u == pytest.approx(0.008 / 2**0.5)
-    assert each.kind == "interval"
+    assert (each.force_ratio_u, each.kind) == (pytest.approx(0.008 / 2**0.5), "interval")
 
 
 def test_a_ratio_above_0_97_gives_a_bound_alone_and_says_why() -> None:
@@ -59,8 +58,7 @@ def test_a_ratio_above_0_97_gives_a_bound_alone_and_says_why() -> None:
 
 def test_objects_are_in_order_and_those_that_may_be_exchanged_are_named() -> None:
     result = found(("a", 0.2, 0.005), ("b", 0.3, 0.005), ("c", 0.202, 0.005))
-    assert result.softness_order == ["b", "c", "a"]
-    assert result.alike == [("c", "a")]
+    assert (result.softness_order, result.alike) == (["b", "c", "a"], [("c", "a")])
 
 
 def test_a_saturated_film_is_said_and_gives_no_modulus() -> None:
@@ -84,21 +82,6 @@ def test_model_and_price_are_named() -> None:
     assert found(("a", 0.2, 0.005)).price.startswith("model 'column' (closed form): error of the ratio at most")
     assert "no price" in price_of(SINGLE, "experiment")
     assert default_model(SINGLE) == "experiment"
-
-
-def test_the_budget_of_ratio_and_modulus_adds_up_to_their_uncertainty() -> None:
-    result = found(("soft", ratio_of_modulus(SINGLE, 60e3, 3e-3), 0.002))
-    (each,), (ratio, modulus, absolute) = result.objects, result.budgets
-    assert ratio.u == pytest.approx(each.force_ratio_u)
-    shares = {row["name"]: row["share"] for row in ratio.rows() if row["share"]}
-    assert shares == pytest.approx({"noise": 0.36, "gain scatter": 0.64})
-    assert each.scale_low_Pa is not None and each.scale_high_Pa is not None
-    measured = 1.96 * math.hypot(*(part.contribution for part in modulus.components[:-1]))
-    known = modulus.components[-1].sensitivity * each.curve_error
-    assert each.model_error is not None and each.curve_error >= each.model_error
-    assert (modulus.u / modulus.value, absolute.u / absolute.value) == pytest.approx((each.scale_u, each.absolute_u))
-    assert max(absolute.rows(), key=lambda row: row["share"])["name"] == "validation"
-    assert measured + known == pytest.approx((each.scale_high_Pa - each.scale_low_Pa) / 2, rel=0.05)
 
 
 @pytest.mark.slow
@@ -136,13 +119,84 @@ def test_objects_of_several_thicknesses_are_refused() -> None:
         SoftnessTest((get_sample("1"), thick)).check(REAL)
 
 
-def test_a_sensor_of_more_films_than_the_nodes_take_is_refused() -> None:
-    with pytest.raises(RangeError, match="17 films"):
-        SoftnessTest((get_sample("1"),)).check(Target(get_design("array_16"), 10.0, nodes=4))
-
-
 def test_several_unknown_objects_on_a_real_bench_have_names() -> None:
     one, other = unknown_object(SINGLE), unknown_object(SINGLE)
     with pytest.raises(RangeError, match="give at least one, and each only once"):
         SoftnessTest((one, other)).check(REAL)
     SoftnessTest((one, unknown_object(SINGLE, name="tissue"))).check(REAL)
+
+
+# --- `softness --risk` --------------------------------------------------------------------------------
+
+
+pytestmark = pytest.mark.usefixtures("own_store")
+
+FAR, NEAR = ("1", "2"), ("3", "5")
+
+
+def asked(*names: str, risk: float = 0.05, sets: int = 5) -> SoftnessTest:
+    return SoftnessTest(tuple(map(get_sample, names)), dwell=0.2, risk=risk, sets=sets)
+
+
+def test_the_plan_has_few_sets_of_objects_that_differ_and_many_of_those_that_are_alike() -> None:
+    far, near = asked(*FAR).plan(REAL), asked(*NEAR).plan(REAL)
+    assert far.predicted.details["planned"]["sets"] == {"1": 1, "2": 1}
+    assert near.predicted.details["planned"]["sets"] == {"3": 4, "5": 4}
+    assert far.predicted.details["planned"]["binds"] == "gain scatter"
+    assert len(far.steps) == len(near.steps) == 10
+    assert far.seconds < near.seconds < sum(step.seconds_expected for step in near.steps)
+
+
+def test_nothing_is_expected_of_unknown_objects() -> None:
+    both = unknown_object(SINGLE, name="a"), unknown_object(SINGLE, name="b")
+    plan = SoftnessTest(both, risk=0.05).plan(REAL)
+    assert plan.predicted.details["planned"]["sets"] == {"a": 5, "b": 5}
+
+
+@pytest.mark.slow
+def test_a_run_ends_as_soon_as_the_order_is_known_and_resumes_to_the_same(tmp_path: Path) -> None:
+    with palpate.open_bench(scene="thesis_single") as bench:
+        whole = palpate.run(asked(*FAR), bench, out=tmp_path / "whole")
+    assert [point.object for point in whole.result.points] == ["1", "2"]
+    ranked = whole.result.ranked
+    assert ranked is not None
+    assert (ranked.sets, ranked.not_told) == ({"1": 1, "2": 1}, ())
+    assert ranked.achieved_risk is not None and ranked.achieved_risk < 0.001
+    assert resumed_digest(asked(*FAR), "thesis_single", 1, tmp_path) == whole.run.digest()
+
+
+def test_what_was_told_is_printed() -> None:
+    ranked = Ranked(0.05, None, {"a": 2, "b": 2}, (NotTold(("a", "b"), 7, 200.0),), 0.04)
+    told = "\n".join(ranked_lines(ranked))
+    assert "5 % of a wrong pair was asked for; no pair is known to that risk" in told
+    assert "a and b: 7 sets of each would, in 3 min 20 s: the same command for a,b with --sets 7" in told
+    none = ranked_lines(replace(ranked, achieved_risk=0.01, not_told=(NotTold(("a", "b"), None, None),)))
+    assert none[0].endswith("the other pairs are known to a risk of 1 %")
+    assert none[2].endswith("no 100 sets would tell them apart")
+
+
+@pytest.mark.slow
+def test_the_command_says_which_objects_it_could_not_tell_and_what_would(palpate: Palpate) -> None:
+    words = ("softness", "--modulus", "60 kPa, 60.5 kPa", "--risk", "5%", "--sets", "2", "--dwell", "0.2 s")
+    found = palpate(*words, "--json").object
+    (left,) = found["not_told"]
+    assert (sorted(left["objects"]), found["alike"]) == (["60 kPa", "60.5 kPa"], [left["objects"]])
+    assert left["sets"] is None or left["sets"] > 2
+    assert (found["risk"], found["achieved_risk"], found["sets"]) == (0.05, None, {"60 kPa": 2, "60.5 kPa": 2})
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (("--samples", "1", "--risk", "5%"), "one object has no order; name two or more"),
+        (("--samples", "1,2", "--risk", "1e-7"), "--risk 1e-07 is outside 1e-06 to 0.5"),
+        (("--samples", "1,2", "--risk", "5%", "--sets", "0"), "--sets 0 is outside 1 to 100"),
+        (("--samples", "1,2", "--sets", "3"), "--sets is for --risk"),
+        (("--samples", "3,5", "--risk", "0.1%", "--sets", "2"), "gain scatter leaves a risk of 2 % that 3 and 5"),
+        (("--samples", "3,5", "--risk", "0.1%", "--sets", "2"), "best now  --risk '2.1 %'\n  or        --sets 12"),
+    ],
+)
+def test_what_cannot_be_is_refused_before_anything_moves(
+    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
+) -> None:
+    assert message in refused(palpate("softness", *arguments), benches)

@@ -1,28 +1,40 @@
-"""`palpate sweep loads`: sensors of several teeth, dwell by tolerance, plans, pauses."""
+"""`palpate sweep loads`, `position`, `frequency` and `temperature`: what each finds, plans, pauses and refusals."""
 
 from __future__ import annotations
 
+import math
 import os
 import pty
 from pathlib import Path
 from statistics import fmean
+from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pytest
 
-from palpate import open_bench, plan
-from palpate.drivers.bench import Bench
+from palpate import LoadSweep, Run, get_design, open_bench, plan
+from palpate.extend import Bench, Lab, Recorder
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.sensor.designs import get_design
+from palpate.instrument.signals.frequency_response import high_pass
+from palpate.instrument.thesis import read_table
+from palpate.procedures.commands import procedures
+from palpate.procedures.commands.options import BenchChoice
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
 from palpate.procedures.lab.operator import Keyboard
-from palpate.procedures.measurements.loads import LoadSweep
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
+from palpate.procedures.measurements.frequency import (
+    FilmFrequencyResponse,
+    FrequencyPoint,
+    dwell_at,
+    evaluate,
+    parse_frequencies,
+)
 from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
+from tests.procedures.conftest import HEADER, IDEAL_SCENE, OFF, Benches, Palpate, outputs, refused
 from tests.shares import first_of
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N", "--dwell", "0.2 s", "--json")
 
@@ -35,13 +47,17 @@ def test_an_array_gives_the_thesis_means_and_each_tooth(palpate: Palpate, design
     found = palpate(*SMALL, "--scene", f"thesis_{design}").object
     assert found["softness_order"] == ["1", "2"]
     for mean in found["samples"]:
-        assert mean["thesis_force_ratio"] == get_design(design).thesis_force_ratio[mean["sample"]]
-        assert mean["force_ratio"] == pytest.approx(mean["thesis_force_ratio"], abs=3 * mean["force_ratio_u"])
+        assert (mean["thesis_force_ratio"], mean["force_ratio"]) == (
+            get_design(design).thesis_force_ratio[mean["sample"]],
+            pytest.approx(mean["thesis_force_ratio"], abs=3 * mean["force_ratio_u"]),
+        )
     for point in found["points"]:
         teeth = point["teeth"]
         bases = 1 if design == "common_base" else 2
-        assert [tooth["tooth"] for tooth in teeth] == [1, 2]
-        assert point["force_rigid_N"] == pytest.approx(sum(tooth["force_N"] for tooth in teeth))
+        assert ([tooth["tooth"] for tooth in teeth], point["force_rigid_N"]) == (
+            [1, 2],
+            pytest.approx(sum(tooth["force_N"] for tooth in teeth)),
+        )
         assert point["force_ratio"] == pytest.approx(sum(tooth["force_ratio"] for tooth in teeth) / bases)
     (first, _) = Run.open(Path(found["run"])).points()
     assert first["teeth"] == found["points"][0]["teeth"]
@@ -54,24 +70,6 @@ def test_the_nodes_of_an_array_are_recorded_together(palpate: Palpate) -> None:
     assert [w.name for w in waveforms] == [film.name for film in get_design("array_16").films]
     assert {(w.rate, w.samples.size) for w in waveforms} == {(250.0, 50)}
     assert [len(s["teeth"]) for s in found["samples"]] == [16, 16]
-
-
-# --- refused before anything starts ----------------------------------------------------------------------
-
-
-@pytest.mark.parametrize("more", [("--tolerance", "0.01 %"), ("--frequency", "200 Hz"), ("--loads", "9.5 N")])
-def test_what_is_refused_starts_no_bench_and_leaves_no_folder(
-    palpate: Palpate, benches: Benches, more: tuple[str, str]
-) -> None:
-    spoken = palpate("sweep", "loads", *more)
-    assert (spoken.status, bool(spoken.complaint)) == (2, True)
-    assert benches == []
-    assert list(Path().iterdir()) == []
-
-
-def test_dwell_and_tolerance_exclude_each_other(palpate: Palpate) -> None:
-    said = palpate("sweep", "loads", "--dwell", "1 s", "--tolerance", "5 %").complaint
-    assert said.startswith("--dwell and --tolerance")
 
 
 # --- dwell by tolerance ----------------------------------------------------------------------------------
@@ -133,8 +131,7 @@ def test_a_pause_switches_off_and_the_load_is_set_anew(sim: SimulatedBench, benc
     with Recorder.create(tmp_path / "run", HEADER) as record:
         result = conduct(LoadSweep(("1",), (2.0, 3.0), 0.2), lab, record, pause=pause)
         record.finish("complete", result.summary())
-    assert pause.seen == [OFF]
-    assert [(p.load_N, p.valid) for p in result.points] == [(2.0, True), (3.0, True)]
+    assert (pause.seen, [(p.load_N, p.valid) for p in result.points]) == ([OFF], [(2.0, True), (3.0, True)])
     assert result.points[1].load_measured_N == pytest.approx(3.0, abs=0.12)
     assert [event["kind"] for event in Run.open(tmp_path / "run").events()] == ["paused", "resumed"]
 
@@ -173,3 +170,263 @@ def test_the_loads_that_a_sensor_filled_in_are_in_the_record(palpate: Palpate) -
     run = Run.open(Path("run"))
     assert run.header["settings"]["loads"] == [1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5]
     assert [point["valid"] for point in run.points()] == [True] * 7
+
+
+# --- `palpate sweep position` -------------------------------------------------------------------------
+
+
+POSITION = ("sweep", "position")
+
+
+def test_a_load_between_the_teeth_is_found_with_its_size(palpate: Palpate) -> None:
+    found = palpate(*POSITION, "--positions", "10 mm, 12 mm", "--dwell", "0.5 s", "--json").object
+    assert (found["design"], found["scene"]) == ("common_base", "thesis_common_base")
+    table = read_table("A2.7")
+    for point, place in zip(found["points"], (10.0, 12.0), strict=True):
+        assert point["valid"]
+        assert point["found_mm"] == pytest.approx(place, abs=3 * point["found_u"])
+        assert point["found_u"] < 0.5
+        assert (point["found_force_N"], point["share_left"], point["share_right"]) == (
+            pytest.approx(2.0, abs=3 * point["found_force_u"]),
+            pytest.approx(point["model_share_left"], abs=3 * point["share_left_u"]),
+            pytest.approx(point["model_share_right"], abs=3 * point["share_right_u"]),
+        )
+        (row,) = (i for i, x in enumerate(table.keys()) if x == place)
+        assert point["thesis_share_left"] == table.values("force_pvdf3_N")[row]
+    assert found["position_rms_mm"] < 0.5
+    assert "Table A2.7" in found["thesis_doubt"]
+
+
+def test_the_model_is_drawn_between_the_positions_and_places_by_how_far_they_are_off(
+    palpate: Palpate, figures: list[Figure]
+) -> None:
+    printed = palpate(*POSITION, "--positions", "6 mm, 10 mm", "--dwell", "0.1 s").out
+    assert "0.998" in printed  # the thesis' shares have as many digits as ours
+    assert "e-05" not in printed
+    left, right = figures[0].axes
+    (model,) = (line for line in left.lines if line.get_label() == "left, model")
+    shares = np.asarray(model.get_ydata())
+    assert shares[59:62] == pytest.approx(0.769, abs=1e-3)  # above the tooth, at 6 mm
+    (found,) = right.containers
+    assert list(found[0].get_xdata()) == [6.0, 10.0]
+    assert np.abs(found[0].get_ydata()).max() < 2
+
+
+# --- `palpate sweep frequency` ------------------------------------------------------------------------
+
+
+FREQUENCY = ("sweep", "frequency")
+
+
+@pytest.mark.slow
+def test_the_corner_of_each_film_is_that_of_its_charge_amplifier(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "slow.toml"
+    scene.write_text(IDEAL_SCENE + '[effects.charge_amplifier]\ntime_constant = "0.5 s"\n[effects.load_cell]\n')
+    arguments = ("--scene", str(scene), "--frequencies", "0.2 Hz, 0.5 Hz, 30 Hz", "--dwell", "0.1 s", "--json")
+    found = palpate(*FREQUENCY, *arguments, "--budget").object
+    of_rigid, above, *_ = found["budgets"]
+    assert [each["quantity"] for each in (of_rigid, above)] == ["corner of film rigid", "gain of film rigid"]
+    assert (of_rigid["u"], above["u"]) == (found["corners"][0]["corner_u"], found["corners"][0]["gain_u"])
+    assert [part["name"] for part in above["components"]] == ["points of the sweep", "load cell"]
+    for corner in found["corners"]:
+        assert (corner["corner_Hz"], corner["corner_Hz"]) == (
+            pytest.approx(1 / math.pi, abs=2 * corner["corner_u"]),
+            pytest.approx(1 / math.pi, rel=0.03),
+        )
+    assert [(p["frequency_Hz"], p["tactile"], p["valid"]) for p in found["points"]] == [
+        (0.2, True, True), (0.5, True, True), (30.0, False, True),
+    ]  # fmt: skip
+    for point in found["points"]:
+        rigid, total = point["films"]
+        assert abs(rigid["phase_deg"]) < 0.2  # both amplifiers are alike
+        assert (total["phase_deg"], total["phase_u"]) == (0, 0)
+    assert found["points"][2]["films"][1]["gain_V_per_N"] == pytest.approx(68.6e-3, rel=0.02)
+    assert len(Run.open(Path(found["run"])).points()) == 3
+
+
+@pytest.mark.slow
+def test_stated_uncertainties_hold_where_all_points_share_the_load_cell_s_error() -> None:
+    """The load cell's curve is made to err by much: that is no scatter of the gains, and does not move the corner."""
+    random, design, frequency = np.random.default_rng(7), get_design("single"), np.geomspace(0.1, 100, 13)
+    calibration = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 0.05 * THESIS_LOAD_CELL.sensitivity_mV_per_N})
+    load, load_u = calibration.load(calibration.reading(2.0))
+    curve_u, exact = calibration.curve_u(load) / load, np.exp(high_pass(frequency, 0.0, 0.159))
+    z = []
+    for _ in range(40):
+        shared = curve_u * random.standard_normal()
+        own = math.sqrt((load_u / load) ** 2 - curve_u**2) * random.standard_normal(13)
+        points = []
+        for f, gain, error in zip(frequency.tolist(), exact.tolist(), own.tolist(), strict=True):
+            films = [
+                FilmFrequencyResponse(
+                    film.name,
+                    gain * (1 + shared + error + film.scatter * random.standard_normal()),
+                    gain * math.hypot(film.scatter, load_u / load),
+                    phase_deg=0.0,
+                    phase_u=0.0,
+                )
+                for film in design.films
+            ]
+            points.append(FrequencyPoint(f, False, load, load_u, 1.0, tuple(films), True, 1.0, 0.0, 1, ()))
+        corners = evaluate(points, design, calibration).corners.values()
+        z += [[(c.gain - 1) / c.gain_u, (c.corner_Hz - 0.159) / c.corner_u] for c in corners if c is not None]
+    assert (len(z), np.std(z, axis=0)) == (80, pytest.approx([1, 1], rel=0.2))
+
+
+def test_frequencies_are_even_in_the_logarithm_and_whole_millihertz() -> None:
+    assert (parse_frequencies("0.1 Hz:100 Hz:4"), parse_frequencies("1 Hz:2 Hz:3")) == (
+        (0.1, 1.0, 10.0, 100.0),
+        (1.0, 1.414, 2.0),
+    )
+    assert parse_frequencies("1 Hz, 3 Hz, 5 Hz") == (1.0, 3.0, 5.0)
+
+
+def test_a_dwell_is_of_whole_cycles_three_at_least() -> None:
+    assert (dwell_at(0.1, 1.0), dwell_at(10.0, 1.0)) == (pytest.approx(30.0), pytest.approx(1.0))
+    assert dwell_at(17.783, 1.0) * 17.783 == pytest.approx(18)
+
+
+# --- `palpate sweep temperature` ----------------------------------------------------------------------
+
+
+TEMPERATURE = ("sweep", "temperature")
+WARM = (
+    IDEAL_SCENE
+    + """[effects.charge_amplifier]
+[effects.load_cell]
+[effects.pyroelectric]
+drift = "1 mK/s"
+settling = "200 s"
+[effects.white_noise]
+density = "0.3 µV/√Hz"
+"""
+)  # the noise dithers the sixteen bits of the bus
+
+
+def off_by(points: list[dict[str, Any]], settling: float) -> float:
+    """The farthest that an offset of a valid point is from what a charge amplifier of 1 s makes of the films' warming,
+    in its standard uncertainties."""
+    away = []
+    for point in (each for each in points if each["valid"]):
+        after = point["offset_after_s"]
+        left = (math.exp(-after / settling) - math.exp(-after)) / (settling - 1)
+        for film, newtons in zip(point["films"], (9.2, 150.0), strict=True):
+            away.append(abs(film["offset_N"] - newtons * point["step_K"] * left) / film["offset_u"])
+    assert away
+    return max(away)
+
+
+@pytest.mark.slow
+def test_offsets_are_those_of_the_films_and_the_ratio_is_spared(palpate: Palpate, tmp_path: Path) -> None:
+    scene = tmp_path / "warm.toml"
+    scene.write_text(WARM)
+    arguments = (
+        "--seed",
+        "3",  # the drive's phase, on which the error of a lock-in depends
+        "--temperatures",
+        "0 K, 10 K, 5 K",
+        "--load",
+        "4 N",
+        "--dwell",
+        "2 s",
+        "--scene",
+        str(scene),
+        "--json",
+        "--budget",
+    )
+    found = palpate(*TEMPERATURE, *arguments).object
+    assert [(p["temperature_K"], p["step_K"], p["valid"]) for p in found["points"]] == [
+        (0, 0, True), (10, 10, True), (5, -5, True),
+    ]  # fmt: skip
+    assert off_by(found["points"], settling=200.0) < 2
+    for offset, newtons in zip(found["offsets"], (9.2, 150.0), strict=True):
+        assert math.exp(-12 / 200) < offset["offset_N_per_K"] / (newtons / 200) < 1
+        assert 0.03 < offset["offset_u"] / offset["offset_N_per_K"] < 0.04  # the gain of a film is all rows' own
+    told = [(f"offset of film {each['film']}", each["offset_N_per_K"], each["offset_u"]) for each in found["offsets"]]
+    told.append(("change of the force ratio with a trend", found["ratio_per_K"], found["ratio_per_K_u"]))
+    assert [(b["quantity"], b["value"], pytest.approx(b["u"], rel=1e-12)) for b in found["budgets"]] == told
+    for budget, kinds in zip(found["budgets"], ("AB", "AB", "B"), strict=True):  # the gain is no reading's own
+        assert "".join(component["kind"] for component in budget["components"]) == kinds
+    assert [row["degrees_of_freedom"] for row in found["budgets"][0]["components"]] == [1, None]
+    ratios = [p["force_ratio"] for p in found["points"]]
+    assert max(ratios) / min(ratios) - 1 < 1e-3
+    scatter = float(np.std(ratios, ddof=1) / np.mean(ratios))  # of noise and of the bus' bits, wherever dwells begin
+    assert abs(found["largest_error_lock_in"]) > 2 * scatter
+    assert abs(found["ratio_per_K"]) < found["ratio_per_K_u"]
+
+
+def test_a_dry_run_counts_the_soak(palpate: Palpate, benches: Benches) -> None:
+    found = palpate(*TEMPERATURE, "--soak", "10 min", "--dry-run", "--json").object
+    assert (found["expected_seconds"], benches) == (pytest.approx(4 * 600 + 4 * 10 + 110, rel=0.05), [])
+
+
+def test_films_that_warm_up_are_simulated_where_no_scene_is_named(
+    palpate: Palpate, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    chosen: list[BenchChoice] = []
+    monkeypatch.setattr(procedures, "measure", lambda _asked, choice, *_rest: chosen.append(choice))
+    palpate(*TEMPERATURE)
+    palpate(*TEMPERATURE, "--scene", "ideal")
+    palpate(*TEMPERATURE, "--bench", "lab.toml")
+    assert [(choice.scene, choice.bench) for choice in chosen] == [
+        ("humid_body", None), ("ideal", None), (None, Path("lab.toml")),
+    ]  # fmt: skip
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("scene", "settling"), [("humid_body", 850.0), ("everything", 300.0), ("long_drift", 1e5)])
+def test_every_scene_whose_films_warm_up_gives_what_each_change_adds_and_no_other_drift(
+    palpate: Palpate, scene: str, settling: float
+) -> None:
+    """An amplifier's offset by damp is 1.6 N of the tooth's film, where 5 K add 0.05 N."""
+    changes = ("--temperatures", "0.5 K, -4.5 K, 10.5 K, 10.5 K", "--soak", "1 min", "--dwell", "0.4 s")
+    points = palpate(*TEMPERATURE, *changes, "--scene", scene, "--json").object["points"]
+    assert [point["step_K"] for point in points] == [0.5, -5, 15, 0]
+    assert off_by(points, settling) < 2
+    assert sum(point["valid"] for point in points) >= 3
+
+
+@pytest.mark.parametrize(
+    ("command", "arguments", "message"),
+    [
+        (POSITION, ("--positions", "12 mm"), "1 position cannot make a sweep; give 2 or more"),
+        (POSITION, ("--positions", "12 mm, 6 mm"), "positions 12 mm, 6 mm must be increasing and distinct"),
+        (
+            POSITION,
+            ("--positions", "0 mm:26 mm:2 mm"),
+            "position 26 mm is off the sensor, which reaches from 0 to 24 mm",
+        ),
+        (POSITION, ("--positions", "1 N, 2 N"), "'1 N' is in N where m belongs"),
+        (POSITION, ("--scene", "thesis_single"), "point loads are known for design 'common_base'"),
+        (POSITION, ("--sample", "9"), "unknown sample '9'"),
+        (POSITION, ("--dwell", "50 ms"), "below one cycle"),
+        (POSITION, ("--load", "9.5 N"), "above the bench's force limit"),
+        (FREQUENCY, ("--frequencies", "1 Hz, 2 Hz"), "2 frequencies; give 3 to 200 to find a corner"),
+        (FREQUENCY, ("--frequencies", "1 Hz:2 Hz:2"), "a count of 3 to 200"),
+        (FREQUENCY, ("--frequencies", "3 Hz, 2 Hz, 5 Hz"), "they must increase"),
+        (FREQUENCY, ("--frequencies", "0.01 Hz, 1 Hz, 2 Hz"), "frequency 0.01 Hz is outside 0.1 to 100 Hz"),
+        (FREQUENCY, ("--frequencies", "1 Hz, 9 Hz, 1 kHz"), "frequency 1000 Hz is outside 0.1 to 100 Hz"),
+        (FREQUENCY, ("--frequencies", "1.00049 Hz, 2 Hz, 3 Hz"), "lies between the exciter's steps"),
+        (FREQUENCY, ("--dwell", "2 h"), "dwell 7200 s is not above 0 and at most 3600 s"),
+        (FREQUENCY, ("--dwell", "-1 s"), "dwell -1 s is not above 0"),
+        (FREQUENCY, ("--load", "0 N"), "load 0 N peak to peak is not above zero"),
+        (FREQUENCY, ("--load", "9.5 N"), "above the bench's force limit of 10 N"),
+        (FREQUENCY, ("--sample", "7"), "unknown sample '7'"),
+        (TEMPERATURE, ("--temperatures", "0 K, 5 K"), "make 2 different changes; 3 to 50 give a slope"),
+        (TEMPERATURE, ("--temperatures", "0 K, 5 K, 10 K, 15 K"), "make 2 different changes"),
+        (
+            TEMPERATURE,
+            ("--temperatures", "0 K, 20 K, 70 K"),
+            "temperature 70 K relative to the start is outside -20 to 40 K",
+        ),
+        (TEMPERATURE, ("--temperatures", "0, 5, 15"), "'0' has no unit where K belongs"),
+        (TEMPERATURE, ("--soak", "-1 s"), "soak -1 s is outside 0 to 86400 s"),
+        (TEMPERATURE, ("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),
+        (TEMPERATURE, ("--frequency", "1 kHz"), "frequency 1000 Hz is outside 0.5 to 100 Hz"),
+        (TEMPERATURE, ("--load", "9.5 N"), "above the bench's force limit of 10 N"),
+    ],
+)
+def test_what_cannot_be_swept_is_refused_before_a_bench_starts(
+    palpate: Palpate, benches: Benches, command: tuple[str, str], arguments: tuple[str, str], message: str
+) -> None:
+    assert message in refused(palpate(*command, *arguments), benches)
