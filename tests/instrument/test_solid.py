@@ -267,7 +267,7 @@ SENSORS: dict[str, tuple[dict[str, Any], float]] = {
 }
 
 
-PLAIN = ("rigid, bonded", "rigid, incompressible", "a film that is its own mirror image no more", "capped cells")
+PLAIN = ("rigid, bonded", "rigid, incompressible", "a film that is its own mirror image no more")
 
 
 @pytest.mark.parametrize(

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import dataclasses
+import itertools
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, field
 from random import Random
 
@@ -134,6 +136,84 @@ def test_a_creeping_sample_is_followed_until_each_period_is_the_last_again(monke
     assert path.cycle is None
     # Followed, transitions are of whole nanoseconds: that is 3e-11, in every later period alike.
     assert np.abs(recurring - followed).max() < 1e-10 * np.abs(followed).max()
+
+
+# --- with inertia --------------------------------------------------------------------------------------
+
+INDUCTANCE, MASS, DAMPING = 1e-4, 0.03, 2.0
+ALWAYS_PRESSED, DRIVE = 4e-3, 2.0  # m, V
+
+
+def lived(limits: Limits, until: float) -> tuple[list[float], Callable[[Floats], Floats]]:
+    """Times at which the rail or the current's limit acts or ends, and (i, x, v) at any times, by an integrator."""
+    rail, most = limits.rail or math.inf, limits.current or math.inf
+
+    def volts(t: float) -> float:
+        return DRIVE * math.sin(20 * math.pi * t)
+
+    def sides(t: float, z: Floats, held: int) -> tuple[float, float]:
+        """What changes its sign when a limit acts or ends; a held current ends where the voltage would drive less."""
+        drawn = (volts(t) - FORCE_CONSTANT * float(z[2])) / RESISTANCE
+        return abs(volts(t)) - rail, (held * drawn if held else abs(float(z[0]))) - most
+
+    t, z, held = 0.0, np.zeros(3), 0
+    times, pieces = list[float](), []
+    here = [False, False]
+    while True:
+
+        def slope(t: float, z: Floats, here: list[bool] = here, held: int = held) -> list[float]:
+            i, x, v = (float(each) for each in z)
+            applied = math.copysign(rail, volts(t)) if here[0] else volts(t)
+            push = FORCE_CONSTANT * i - DAMPING * v - SUSPENSION * x - (TOOTH + RING) * (x + ALWAYS_PRESSED)
+            return [0.0 if held else (applied - RESISTANCE * i - FORCE_CONSTANT * v) / INDUCTANCE, v, push / MASS]
+
+        events = []
+        for k in range(2):
+
+            def event(t: float, z: Floats, k: int = k, held: int = held) -> float:
+                return sides(t, z, held)[k]
+
+            event.terminal, event.direction = True, -1.0 if here[k] else 1.0  # type: ignore[attr-defined]
+            events.append(event)
+        done = scipy.integrate.solve_ivp(
+            slope, (t, until), z, method="DOP853", rtol=1e-11, atol=1e-13, max_step=2e-4, events=events,
+            dense_output=True,
+        )  # fmt: skip
+        pieces.append((t, done.sol))
+        if done.status == 0:
+            break
+        fired = next(k for k in range(2) if len(done.t_events[k]))
+        t, z, here = float(done.t[-1]), done.y[:, -1], [side != (k == fired) for k, side in enumerate(here)]
+        if fired == 1:
+            held = 0 if held else int(math.copysign(1, z[0]))
+        times.append(t)
+
+    starts = np.array([start for start, _ in pieces])
+
+    def at(when: Floats) -> Floats:
+        index = np.searchsorted(starts, when, side="right") - 1
+        return np.array([pieces[k][1](t) for k, t in zip(index, when, strict=True)]).T
+
+    return times, at
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("limits", [Limits(rail=1.5), Limits(current=0.4)], ids=["rail", "current"])
+def test_with_inertia_the_rail_and_the_current_are_met_and_left_when_the_integrator_does(limits: Limits) -> None:
+    """Contact and end stop with inertia: `tests/hard_cases.py`."""
+    armature = Armature(FORCE_CONSTANT, RESISTANCE, SUSPENSION, INDUCTANCE, MASS, DAMPING)
+    stack = SpringStack(TOOTH, RING, 0.4).elastic()
+    chain, path = chain_on(stack, ALWAYS_PRESSED, DRIVE, armature=armature, limits=limits)
+    times, at = lived(limits, 0.11)
+    grid = np.arange(1, 110) * MS
+    found = path.outputs(grid, slice(0, None))
+    i, x, _ = at(1e-9 * grid)
+    assert np.abs(found[chain.displacement] - x).max() < 1e-8 * np.abs(x).max()
+    assert np.abs(found[chain.current] - i).max() < 1e-8 * np.abs(i).max()
+    stays = path.between(0, round(0.11e9))
+    starts = [after.start_ns for before, after in itertools.pairwise(stays) if after.mode is not before.mode]
+    assert len(starts) == len(times) >= 2
+    assert np.abs(np.array(starts) - 1e9 * np.array(times)).max() < 2
 
 
 # --- samples that creep ------------------------------------------------------------------------------

@@ -147,18 +147,24 @@ def test_a_pacer_that_comes_late_lets_requests_be_answered_before_time_goes_on(
 
 
 def test_what_has_come_is_answered_though_the_server_had_no_turn_meanwhile(sim: SimulatedBench) -> None:
-    address, turn = sim.description.links["shaker_amplifier"], threading.Event()
+    address, blocked, turn = sim.description.links["shaker_amplifier"], threading.Event(), threading.Event()
+
+    def other_program() -> None:
+        """Another program has the processor."""
+        blocked.set()
+        turn.wait(10)
+
     with socket.create_connection((address.host, address.port), timeout=10) as client:
         client.sendall(READ)
         assert client.recv(64)
-        sim.servers.loop.at(0.0, lambda: turn.wait(5.0))  # another program has the processor
-        client.sendall(READ)
-        assert client.recv(64)
         before = sim.servers.transactions
+        sim.servers.loop.at(0.0, other_program)
+        client.sendall(READ)  # wakes the server, which answers it before or after the other program
+        assert blocked.wait(10)
         client.sendall(READ)
         threading.Timer(0.0, turn.set).start()
         sim.servers.catch_up()
-        assert sim.servers.transactions == before + 1
+        assert sim.servers.transactions == before + 2
 
 
 # --- the whole bench ---------------------------------------------------------------------------------
