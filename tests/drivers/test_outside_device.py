@@ -31,7 +31,7 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
 from tests.drivers.outside import installed
-from tests.drivers.test_bench_ends import Failure
+from tests.drivers.test_bench import Failure
 
 pytestmark = pytest.mark.usefixtures("foreground")
 
