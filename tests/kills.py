@@ -18,7 +18,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Self
+from typing import IO, Any, Self
 
 from palpate.instrument.bench.links import MULTICAST
 from palpate.instrument.calibration.calibration import Calibration
@@ -170,13 +170,12 @@ class Forking:
         """The time of the clock [ns], after what is asked of it."""
         raise NotImplementedError
 
-    def told(self, command: Sequence[str | int]) -> Iterator[str]:
+    def told(self, command: Sequence[str | int]) -> IO[str]:
         """Gives a command; the lines that the process says of it."""
         assert self._process.stdin is not None
         assert self._process.stdout is not None
         print(json.dumps(command), file=self._process.stdin, flush=True)
-        yield from self._process.stdout
-        raise AssertionError("the process that starts commands has ended")
+        return self._process.stdout
 
 
 @dataclass(frozen=True, slots=True)
@@ -240,7 +239,7 @@ class Commands(Forking):
             if child and said >= count and not sent:
                 sent = True
                 os.kill(child, number)
-        raise AssertionError
+        raise AssertionError("the process that starts commands has ended")
 
 
 # --- on a served bench -------------------------------------------------------------------------------
@@ -403,7 +402,7 @@ class Client(Forking):
                 points = max(points, int(said))
             else:
                 return int(said), points, errors.read_text(encoding="utf-8")
-        raise AssertionError
+        raise AssertionError("the process that starts commands has ended")
 
 
 class Rounds:
@@ -685,7 +684,7 @@ class Calibrating(Forking):
                 moments = int(said)
             elif kind == "end":
                 return Ended(int(said), errors.read_text(encoding="utf-8"), moments)
-        raise AssertionError
+        raise AssertionError("the process that starts commands has ended")
 
 
 def _plain(calibration: Calibration) -> dict[str, Any]:

@@ -525,9 +525,13 @@ class GoesOn:
 
 
 @pytest.fixture
-def beat(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
-    """Lets a heartbeat's thread take its turn and returns when it has; the time of the wall plays no part."""
+def beat(monkeypatch: pytest.MonkeyPatch) -> Callable[[], float | None]:
+    """Lets a heartbeat's thread take its turn and returns when it has, with the interval that it waits for.
+
+    The time of the wall plays no part.
+    """
     turn, turned = threading.Semaphore(0), threading.Semaphore(0)
+    intervals = list[float | None]()
 
     class Turns(threading.Event):
         """Instead of the interval, a turn is waited for."""
@@ -535,6 +539,7 @@ def beat(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
         begun = False
 
         def wait(self, timeout: float | None = None) -> bool:
+            intervals.append(timeout)
             if self.begun:
                 turned.release()
             self.begun = True
@@ -548,59 +553,38 @@ def beat(monkeypatch: pytest.MonkeyPatch) -> Callable[[], None]:
     monkeypatch.setattr(canopen_device, "threading", SimpleNamespace(Event=Turns, Thread=threading.Thread))
     monkeypatch.setattr(canopen_device, "time", SimpleNamespace(monotonic=lambda: 0.0))
 
-    def beat() -> None:
+    def beat() -> float | None:
         turn.release()
         turned.acquire()
+        return intervals[-1]
 
     return beat
 
 
-def test_a_bench_whose_time_goes_on_is_fed_while_the_program_does_something_else(
-    sim: SimulatedBench, beat: Callable[[], None]
+def test_a_bench_whose_time_goes_on_is_fed_at_an_interval_while_the_program_does_something_else(
+    sim: SimulatedBench, beat: Callable[[], float | None]
 ) -> None:
     with Bench(sim.description, GoesOn(sim), sim.operator) as bench:
         drive(bench)
         for _ in range(5):
             sim.clock.wait(1.5)  # nobody waits: a plot is drawn
-            beat()
+            assert beat() == sim.description.watchdog / 4
         assert sim.amplifier.settings["enable"]
+        (thread,) = (each for each in threading.enumerate() if each.name == "heartbeat")
+        assert thread.daemon  # a program that ends does not wait for it
         with pytest.raises(SafetyError, match="tripped on watchdog"):
             bench.clock.wait(2.0)  # the heartbeat has stopped
 
 
-def test_a_wait_ends_when_the_heartbeat_finds_another_owner(sim: SimulatedBench, beat: Callable[[], None]) -> None:
+def test_a_wait_ends_when_the_heartbeat_finds_another_owner(
+    sim: SimulatedBench, beat: Callable[[], float | None]
+) -> None:
     with Bench(sim.description, GoesOn(sim), sim.operator) as bench:
         drive(bench)
         sim.amplifier.reset()  # switched off and on again
         beat()
         with pytest.raises(DeviceError, match="does not know this program any more"):
             bench.clock.wait(0.1)
-
-
-# --- when a heartbeat beats ----------------------------------------------------------------------------
-
-
-def test_a_heartbeat_beats_at_its_interval_until_it_is_left(monkeypatch: pytest.MonkeyPatch) -> None:
-    said, intervals = list[str](), list[float | None]()
-    threads, ends = list[threading.Thread](), list[threading.Event]()
-
-    class Waits(threading.Event):
-        def wait(self, timeout: float | None = None) -> bool:
-            ends.append(self)
-            intervals.append(timeout)
-            return len(intervals) > 3
-
-    def thread(**told: Any) -> threading.Thread:
-        threads.append(threading.Thread(**told))
-        return threads[0]
-
-    monkeypatch.setattr(canopen_device, "threading", SimpleNamespace(Event=Waits, Thread=thread))
-    with Heartbeat(lambda: said.append("alive"), 0.5):
-        threads[0].join()
-    assert (said, intervals) == (["alive"] * 3, [0.5] * 4)
-    assert ends[0].is_set()
-    assert threads[0].daemon  # a program that ends does not wait for it
-    assert threads[0].name == "heartbeat"  # in lists of threads
 
 
 # --- waits ---------------------------------------------------------------------------------------------

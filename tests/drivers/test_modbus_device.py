@@ -200,6 +200,21 @@ def test_a_device_that_is_broken_is_neither_asked_nor_told() -> None:
     assert (link.asked, noticed) == ([], [])
 
 
+def test_a_device_that_breaks_while_it_is_being_asked_is_not_asked_again() -> None:
+    driver, link, _ = attended()
+
+    def breaks(_reply: Any) -> Any:
+        driver.broken = "oven: smokes"
+        raise LinkTimeout("silent")
+
+    link.replied = breaks
+    for use in (lambda: driver.get("warmth"), lambda: driver.set(heater="on")):
+        driver.broken = ""
+        with pytest.raises(LinkTimeout, match="silent"):
+            use()
+    assert len(link.asked) == 2
+
+
 def test_after_what_was_asked_or_told_the_watchdog_is_thought_of_and_not_after_a_failure() -> None:
     driver, link = oven()
     thought = list[int]()

@@ -600,14 +600,13 @@ def test_why_no_connection_comes_about_is_told(failure: OSError, said: str, monk
         ("[::1]", 'write host = "::1"'),
     ],
 )
-def test_a_url_for_a_host_is_refused_with_the_host_that_is_meant(host: str, bare: str) -> None:
+def test_a_url_for_a_host_is_refused_with_the_host_that_is_meant_and_a_host_taken_as_it_is(
+    host: str, bare: str
+) -> None:
+    for taken in ("192.168.1.5", "rack.lab", "::1", "fe80::1%eth0", "a..b"):
+        assert TcpLink(host=taken).host == taken
     with pytest.raises(ConfigError, match=rf"link.rack.*is no host alone; {bare}".replace("[", r"\[")):
         check({"host": host}, TcpLink, "link.rack")
-
-
-@pytest.mark.parametrize("host", ["192.168.1.5", "rack.lab", "::1", "fe80::1%eth0", "a..b"])
-def test_a_host_alone_is_taken_as_it_is(host: str) -> None:
-    assert TcpLink(host=host).host == host
 
 
 # --- serial ports --------------------------------------------------------------------------------------

@@ -484,9 +484,6 @@ def test_a_sample_rate_is_what_the_node_holds_of_it_or_refused_before_anything_i
     assert link.done == []
     driver.set_sample_rate(3000.0)
     assert (link.value("sync_period"), driver.rate) == (333e-6, 1 / 333e-6)
-
-
-def test_a_node_that_sends_no_sync_is_told_what_it_lacks() -> None:
     driver, link, _ = node(sync_period=0.0)
     assert driver.rate == 0.0
     with pytest.raises(DeviceError, match=r"sync_period \(1006h\) is 0, so it .*; set the sample rate first") as caught:
@@ -496,7 +493,7 @@ def test_a_node_that_sends_no_sync_is_told_what_it_lacks() -> None:
 
 # --- nodes of makers, by their maps ------------------------------------------------------------------
 
-SYNC, SAMPLES_ID = 0x80, 0x183
+SAMPLES_ID = 0x183
 VOLTS = 1e-4
 DEFAULTS: dict[str, dict[str, Any]] = {
     "canopennode-io": {"emergency_cob_id": 0x83, "device_name": "CANopenNode"},

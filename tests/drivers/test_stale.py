@@ -21,7 +21,7 @@ from canopen.sdo.exceptions import SdoAbortedError, SdoCommunicationError
 
 from palpate.drivers.devices.load_indicator import StrainIndicator
 from palpate.drivers.devices.positioner import MicroPositioner
-from palpate.drivers.links.can import FRAME, LARGEST_OBJECT, LATE_ANSWERS, CheckedSdoClient, has_wire
+from palpate.drivers.links.can import FRAME, LATE_ANSWERS, CheckedSdoClient, has_wire
 from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench import links
 from palpate.instrument.contracts.own import POSITIONER, STRAIN_INDICATOR, shortest_transfer
@@ -460,14 +460,6 @@ def test_an_object_of_another_size_than_announced_is_refused(announced: int) -> 
     answers = [f"41 08 10 00 {announced:02x}", *TEXT[1:]]
     with pytest.raises(SdoCommunicationError, match=f"object of 9 bytes, {announced} were announced"):
         Client(*answers, *answers).upload(0x1008, 0)
-
-
-def test_an_object_without_end_is_refused_after_the_largest() -> None:
-    segments = [f"{toggle} 61 61 61 61 61 61 61" for toggle in ("00", "10")] * LARGEST_OBJECT
-    client = Client("40 08 10 00", *segments)
-    with pytest.raises(SdoCommunicationError, match="were announced"):
-        client.upload(0x1008, 0)
-    assert len([request for request in client.requests if request[0] in "67"]) == LARGEST_OBJECT // 7
 
 
 def test_a_segment_of_the_wrong_turn_is_passed_over() -> None:
