@@ -157,24 +157,18 @@ def test_what_was_lost_and_written_again_is_told_to_the_record(bench: Bench, sim
     bench.check_settings()
 
 
-@pytest.mark.parametrize(("errors", "told"), [(0, []), (3, ["3 error frames"])])
-def test_error_frames_of_the_bus_are_told(
-    errors: int, told: list[str], bench: Bench, monkeypatch: pytest.MonkeyPatch
+def test_error_frames_of_the_bus_are_told_and_nothing_that_comes_after_a_bench_is_closed(
+    sim: SimulatedBench, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    noted = list[str]()
-    bench.attend(lambda _kind, what, _ns: noted.append(what))
-    link = bench.device("sensor_node_1").link
-    monkeypatch.setattr(link, "error_frames", lambda: errors)
-    bench.check_settings()
-    assert noted == [f"{link.name}: {each}" for each in told]
-
-
-def test_what_comes_after_a_bench_is_closed_is_not_told_to_its_record(sim: SimulatedBench) -> None:
-    told = list[str]()
+    noted, errors = list[str](), iter((0, 3))
     with open_bench(sim) as bench:
-        bench.attend(lambda _kind, what, _ns: told.append(what))
+        bench.attend(lambda _kind, what, _ns: noted.append(what))
+        link = bench.device("sensor_node_1").link
+        monkeypatch.setattr(link, "error_frames", lambda: next(errors))
+        for _ in range(2):
+            bench.check_settings()
     bench.incidents.note("too late")
-    assert told == []
+    assert noted == [f"{link.name}: 3 error frames"]
 
 
 @pytest.mark.parametrize("safe", [True, False])

@@ -286,7 +286,7 @@ def test_a_lock_says_who_has_it_since_when_and_by_which_command_and_nothing_of_w
 
 
 @pytest.mark.parametrize("failure", [KeyError("uid"), OSError("no user")])
-def test_a_user_without_a_name_is_called_by_its_number(
+def test_a_user_without_a_name_is_called_by_its_number_and_a_long_command_is_told_in_part(
     failure: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Users of a container often have none."""
@@ -295,14 +295,11 @@ def test_a_user_without_a_name_is_called_by_its_number(
         raise failure
 
     monkeypatch.setattr(getpass, "getuser", nameless)
+    monkeypatch.setattr(sys, "argv", ["palpate", "x" * 10_000])
     with BenchLock(described(), tmp_path):
         assert json.loads(locks(tmp_path)[0].read_text())["user"] == str(os.getuid())
-
-
-def test_a_long_command_is_told_in_part_and_can_still_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["palpate", "x" * 10_000])
-    with BenchLock(described(), tmp_path), pytest.raises(BenchInUse, match=r"\(palpate x{292}\) since"):
-        BenchLock(described(), tmp_path).__enter__()
+        with pytest.raises(BenchInUse, match=r"\(palpate x{292}\) since"):
+            BenchLock(described(), tmp_path).__enter__()
 
 
 @pytest.mark.parametrize(
