@@ -275,7 +275,7 @@ def _beside_dense(sensors: Iterator[SolidParameters]) -> float:
 
 # --- all of them ---------------------------------------------------------------------------------------
 
-ALL_CASES = (
+CASES = (
     HardCase(
         "finite elements of 10 random round sensors",
         "dense LAPACK",
@@ -320,14 +320,12 @@ ALL_CASES = (
         lambda: _at_frequency(1e5),
     ),
 )  # fmt: skip
-CASES = {case.name: case for case in ALL_CASES}
 
 
 # --- tests -------------------------------------------------------------------------------------------
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", CASES)
-def test_digits_agree(name: str) -> None:
-    case = CASES[name]
+@pytest.mark.parametrize("case", CASES, ids=lambda case: case.name)
+def test_digits_agree(case: HardCase) -> None:
     assert -math.log10(case.error()) >= case.least

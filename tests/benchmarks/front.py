@@ -264,7 +264,7 @@ def stopped(truth: Truth, runs: int) -> Iterator[Row]:
 
 def hard_cases() -> Iterator[Row]:
     """Digits of the hard cases, each beside a reference that shares no solver with it, the hardest first."""
-    found = [(-math.log10(case.error()), case) for case in CASES.values()]
+    found = [(-math.log10(case.error()), case) for case in CASES]
     for digits, case in sorted(found, key=lambda each: each[0]):
         yield at_least(
             case.name,

@@ -2,9 +2,7 @@
 
 from __future__ import annotations
 
-import threading
 import tomllib
-from collections.abc import Callable
 from typing import Any
 
 from palpate.extend import Bench, BenchDescription
@@ -26,13 +24,6 @@ def driving(sim: SimulatedBench) -> bool:
 def drive(bench: Bench, amplitude: float = 1.0) -> None:
     bench.drive()
     bench.device("signal_generator").sine(10.0, amplitude)
-
-
-def off_the_main_thread(use: Callable[[], None]) -> None:
-    """Carry something out in another thread, and wait for its end; what it raises fails the test."""
-    thread = threading.Thread(target=use)
-    thread.start()
-    thread.join()
 
 
 def is_closed(bench: Bench) -> bool:

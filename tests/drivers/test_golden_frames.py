@@ -75,17 +75,8 @@ def sim(nothing_left_behind: None, scene: Scene) -> Iterator[SimulatedBench]:
 
 
 @pytest.fixture
-def pair(bench: Bench, sim: SimulatedBench, device: str) -> tuple[ModbusDevice, SimulatedDevice]:
-    assert bench.device("sample_changer") is not None
-    assert sim.changer is not None
-    pairs: dict[str, tuple[ModbusDevice, SimulatedDevice]] = {
-        "sample_changer": (bench.device("sample_changer"), sim.changer),
-        "signal_generator": (bench.device("signal_generator"), sim.generator),
-        "shaker_amplifier": (bench.device("shaker_amplifier"), sim.amplifier),
-        "strain_indicator": (bench.device("strain_indicator"), sim.indicator),
-        "positioner": (bench.device("positioner"), sim.positioner),
-    }
-    return pairs[device]
+def pair(bench: Bench, sim: SimulatedBench, device: str) -> tuple[ModbusDevice, Any]:
+    return bench.device(device), sim.devices[device]
 
 
 @pytest.fixture
