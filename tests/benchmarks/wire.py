@@ -303,7 +303,7 @@ def stale(goal: int = 1_000_000, block: int = 10_000) -> Iterator[Row]:
     for library in ("pymodbus", "pymodbus.logging", "canopen"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # of each reply that does not come
     campaign = Campaign(
-        "stale", version_of("drivers/**/*.py", "tests/drivers/test_stale.py", "tests/drivers/virtual_line.py")
+        "stale", version_of("drivers/**/*.py", "tests/drivers/test_stale.py", "tests/drivers/fake_links.py")
     )
     done = campaign.go_on(tried(number, block) for number in range(len(campaign.found), -(-goal // block)))
     found = sum(map(Counter, done), Counter[str]())

@@ -39,10 +39,9 @@ from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.sensor_node import SimulatedSensorNode
 from palpate.simulators.wire.can_bus import hand_over
 from palpate.testing import CanopenConformance
-from tests.drivers.fake_links import Objects, node
-from tests.memory import growth
-from tests.sheets import BASE, I16, TAKEN, U32, pdo, var
-from tests.sheets import node as at_node
+from tests.contracts import BASE, I16, TAKEN, U32, pdo, var
+from tests.contracts import node as at_node
+from tests.drivers.fake_links import Objects, growth, node
 
 SATURATED = bytes.fromhex("01 FF 04 00 00 00 00 00")  # code FF01h, voltage bit of the error register
 

@@ -26,7 +26,7 @@ from palpate.drivers.links.modbus import ModbusLink
 from palpate.instrument.bench import links
 from palpate.instrument.contracts.own import POSITIONER, STRAIN_INDICATOR, shortest_transfer
 from palpate.instrument.errors import BenchError
-from tests.drivers.virtual_line import VirtualLine, checked
+from tests.drivers.fake_links import VirtualLine, checked
 
 UNIT, BAUDRATE, BITRATE, TIMEOUT = 2, 115200, 1e6, 1.0
 SLOWEST, AIM = 5e-3, 8e-3  # s: a device takes so long at most; a repetition is aimed at so much before it
