@@ -717,9 +717,7 @@ def test_whoever_dies_at_any_moment_the_output_is_off_within_the_time_out(
     with driven(listed, amplitude) as (bench, _):
         bench.clock.wait(after)
         assert listed.devices["drive"].driving
-        listed.clock.wait(
-            WATCHDOG
-        )  # nobody feeds: the program is dead, and the kernel or the bus goes on with its list
+        listed.clock.wait(WATCHDOG)  # nobody feeds: the program is dead, and kernel or bus go on with its list
         assert not listed.devices["drive"].driving
         assert volts(listed) == 0.0
 
