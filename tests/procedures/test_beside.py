@@ -13,7 +13,7 @@ from matplotlib.figure import Figure
 import palpate
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
-from tests.drivers.outside import installed
+from tests.drivers.benches import installed
 from tests.procedures.conftest import Palpate
 
 SCENE = """

@@ -18,9 +18,7 @@ from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
-from tests.fault_matrix import undisturbed
-from tests.fault_procedures import real_bench, scene
-from tests.pages import ROOT
+from tests.fault_matrix import real_bench, scene, undisturbed
 from tests.procedures.conftest import (
     IDEAL_CALIBRATION,
     IDEAL_SCENE,
@@ -31,6 +29,7 @@ from tests.procedures.conftest import (
     scene_of,
     sweep,
 )
+from tests.procedures.test_pages import ROOT
 
 SMALL: dict[str, Any] = {"samples": ("1",), "loads": (2.0,), "dwell": 0.5, "calibration": IDEAL_CALIBRATION}
 RANGE = 0.5  # V

@@ -36,8 +36,8 @@ from palpate.procedures.study.results import read_results
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.planning.plan import Question, driven
 from palpate.simulators.planning.settle import read_scene
+from tests.benchmarks.faults import cases
 from tests.conftest import Install
-from tests.hostile_scenes import cases
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of
 
 

@@ -27,7 +27,7 @@ from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.scenes.scene import Scene
 from tests.conftest import Install
-from tests.drivers.outside import installed
+from tests.drivers.benches import installed
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep
 
 SMALL: dict[str, Any] = {"samples": ("1",), "loads": (2.0,), "dwell": 0.5, "calibration": IDEAL_CALIBRATION}
