@@ -304,7 +304,7 @@ LoadPlan = Plan[LoadStep, Repeats | None]
 
 @dataclass(frozen=True)
 class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
-    """Load each sample with each load set and measure the force ratio."""
+    """Load each sample with each load and measure the force ratio."""
 
     name = "sweep-loads"
     point = LoadPoint
