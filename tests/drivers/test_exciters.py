@@ -514,6 +514,9 @@ def test_a_peak_above_the_rail_is_refused_before_it_is_sent(bench: Bench, monkey
         with pytest.raises(RangeError, match="signal generator: "):
             bench.device("signal_generator").sine(10.0, amplitude, offset)
     assert wire.requests == []
+    for amplitude, offset in ((0.0, -10.0), (2.8, -7.2), (10.0, 0.0)):  # up to the rail
+        bench.device("signal_generator").sine(10.0, amplitude, offset)
+        assert bench.device("signal_generator").read() == (10.0, amplitude, offset)
 
 
 def test_the_generator_says_why_it_refused(bench: Bench) -> None:
