@@ -40,30 +40,6 @@ def stored(device: str, **changed: object) -> None:
     write_calibration(path, calibration)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ("softness", "--modulus", "60 kPa, 1 GPa"),
-            "ratios from model 'experiment': modulus 1 GPa of sample '1 GPa' is outside the measured",
-        ),
-        (
-            ("measure", "modulus", "--modulus", "1 Pa", "--time", "2 min"),
-            "such limit; give a scene with another model, such as --scene poor_seating",
-        ),
-        (("softness", "--samples", "1", "--loads", "8 N"), "there where a command has --extrapolate"),
-        (("sweep", "loads", "--loads", "2 N, 8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
-        (("sweep", "loads", "--loads", "1 N", "--dry-run"), "load 1 N lies outside the 1.373 to 7.257 N"),
-        (("characterise", "--loads", "1 N, 2 N, 3 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
-    ],
-)
-def test_what_the_model_or_the_load_cell_does_not_tell_opens_no_bench(
-    palpate: Palpate, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in palpate(*arguments).refusal
-    assert not Path("runs").exists()
-
-
 @pytest.mark.parametrize("rehearsal", [(), ("--dry-run",)])
 @pytest.mark.parametrize(
     ("arguments", "status", "message"),

@@ -14,7 +14,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.measurements.characterise import procedure as characterise
 from palpate.procedures.measurements.characterise.report import LOADING, Characteristic, FilmsPoint, evaluate
 from palpate.procedures.steps.flags import CLIPPED
-from tests.procedures.conftest import Benches, Palpate, refused
+from tests.procedures.conftest import Palpate
 
 SINGLE = get_design("single")
 LOADS = (1.5, 2.0, 2.5, 3.0)
@@ -163,22 +163,6 @@ def test_the_command_measures_each_film_and_gives_the_public_names(
     total = next(r for r in result["rows"] if (r["film"], r["quantity"]) == ("total", "force sensitivity"))
     assert abs(total["value"] - 68.6e-3) < 4 * max(total["u"], 0.03 * 68.6e-3)
     assert [p["direction"] for p in result["points"]] == [*3 * ["loading"], *3 * ["unloading"], *4 * ["holding"]]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--sample", "9"), "unknown sample '9'"),
-        (("--loads", "2 N, 3 N"), "2 loads cannot give a line with its scatter; give 3 or more"),
-        (("--loads", "2 N, 3 N, 30 N"), "above the bench's force limit of 10 N"),
-        (("--drift-time", "2 s"), "drift time 2 s is outside 3 s, 3 dwells, to 86400 s"),
-        (("--frequency", "200 Hz"), "frequency 200 Hz is outside 0.5 to 100 Hz"),
-    ],
-)
-def test_what_cannot_be_characterised_is_one_error_before_anything_moves(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("characterise", *arguments), benches)
 
 
 def test_twice_the_input_range_of_the_nodes_adds_six_decibels_to_the_dynamic_range() -> None:

@@ -20,7 +20,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeSets
 from palpate.procedures.measurements.characterise.report import FilmsPoint
-from tests.procedures.conftest import Benches, Palpate, refused, resumes_to_the_same
+from tests.procedures.conftest import Palpate, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -115,22 +115,6 @@ def test_what_the_load_cell_alone_exceeds_is_refused_and_what_would_do_is_said()
     assert repeats(best)[0].most <= MOST_SETS
     better = THESIS_LOAD_CELL.model_copy(update={"sensitivity_u": 1e-3, "covariance": 0.0})
     replace(ASKED, tolerance=0.01).plan(replace(REAL, load_cell=better))
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--tolerance", "1 %"), "load cell leaves ± 1.1 %"),
-        (("--tolerance", "1 mm"), "is no share"),
-        (("--tolerance", "60 %"), "above the 50 % that are allowed"),
-        (("--time", "440 s"), "one round of 7 loads and what follows take 452 s"),
-        (("--time", "0 s"), "--time 0 s is not above 0"),
-    ],
-)
-def test_what_cannot_be_is_refused_before_a_bench_starts(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("characterise", *arguments), benches)
 
 
 @pytest.mark.slow

@@ -104,21 +104,3 @@ def test_a_sweep_uses_and_names_the_stored_film_calibration_alone_for_its_design
     assert said.status == 2
     assert f"{path}: was made on a simulated bench" in said.complaint
     assert "expired on 2024-02-29; run palpate calibrate films" in said.complaint
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--loads", "2 N, 3 N"), "2 loads cannot show linearity and scatter; use at least 3"),
-        (("--loads", "0.5 N, 2 N, 3 N"), "load 0.5 N lies outside the 1.373 to 7.257 N that the load cell"),
-        (("--loads", "2 N, 3 N, 30 N"), "force limit of 10 N"),
-        (("--frequencies", "10 Hz, 10 Hz"), "each only once"),
-        (("--frequencies", "500 Hz"), "frequency 500 Hz is outside"),
-        (("--dwell", "0.05 s"), "dwell 50 ms is below one cycle of 10 Hz"),
-        (("--valid-days", "0"), "validity of 0 days is outside 1 to 791"),
-    ],
-)
-def test_what_gives_no_film_calibration_is_refused(palpate: Palpate, arguments: tuple[str, str], message: str) -> None:
-    said = palpate("calibrate", "films", *arguments)
-    assert said.status == 2
-    assert message in said.complaint

@@ -166,29 +166,6 @@ def test_creep_comes_with_its_time_constant_and_goes_with_the_weight() -> None:
     assert cell.crept(0.0, [on, off], off[0] + 50 * 10**9) == pytest.approx(0.04 * math.exp(-1))
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--loads", "140 gf, 240 gf"), "2 loads cannot give a curve of degree 1 and its uncertainty; use at least 3"),
-        (("--loads", "1 N, 2 N, 3 N", "--degree", "2"), "3 loads cannot give a curve of degree 2"),
-        (("--loads", "0 gf:300 gf:100 gf"), "load 0 N is not above 0 and at most 10 N"),
-        (("--loads", "1 N, 2 N, 2 N"), "none may repeat"),
-        (("--loads", "1 N, 2 N, 30 N"), "load 30 N is not above 0 and at most 10 N, the bench's force limit"),
-        (("--runs", "0"), "0 runs give no reading"),
-        (("--positions", "0,120,0"), "must be distinct, from 0 to below 360 degrees"),
-        (("--positions", "0,north"), "'north' is not a quantity"),
-        (("--valid-days", "800"), "validity of 800 days is outside 1 to 791"),
-    ],
-)
-def test_a_series_that_gives_no_calibration_is_refused_before_anything_is_made(
-    palpate: Palpate, arguments: tuple[str, ...], message: str
-) -> None:
-    said = palpate("calibrate", "load-cell", *arguments)
-    assert said.status == 2
-    assert message in said.complaint
-    assert not Path("runs").exists() or not list(Path("runs").iterdir())
-
-
 @pytest.mark.parametrize("change", [{"loads": (2.0, 1.0, 3.0)}, {"loads": (-1.0, 1.0, 3.0)}, {"positions": ()}])
 def test_settings_that_no_option_can_give_are_refused_too(change: dict[str, Any]) -> None:
     with pytest.raises(RangeError):
@@ -322,13 +299,3 @@ def test_a_calibration_that_is_damaged_has_expired_or_does_not_belong_to_the_ben
     assert said.status == 2
     assert str(FILE) in said.complaint and message in said.complaint
     assert [path.name for path in Path("runs").iterdir()] == ["calibrations"]
-
-
-def test_a_calibration_that_cannot_be_stored_is_still_in_its_run(palpate: Palpate) -> None:
-    Path("runs").mkdir()
-    (Path("runs") / "calibrations").touch()
-    said = palpate(*SHORT, "--out", "day")
-    assert said.status == 1
-    assert "calibrations" in said.complaint
-    assert read_calibration(Path("day") / "calibration.toml", LoadCellCalibration).device == "SIM-SI-0001"
-    assert Run.open(Path("day")).status == "complete"

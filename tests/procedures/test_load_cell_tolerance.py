@@ -180,22 +180,6 @@ def test_intervals_of_series_that_end_by_their_tolerance_hold_the_true_sensitivi
 ISO = ("--loads", "300 gf:1000 gf:100 gf", "--runs", "2", "--positions", "0,120")
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ((*ISO, "--class", "3"), "unknown class of ISO 376 '3'"),
-        (("--class", "1"), "--class 1: ISO 376 asks for 8 loads, not 7; ISO 376 asks for repeatability and reprod"),
-        (("--loads", "600 gf:1000 gf:50 gf", *ISO[2:], "--class", "1"), "asks for loads down to 50% of the greatest"),
-        ((*ISO, "--class", "1", "--tolerance", "1%"), "--tolerance and --class"),
-    ],
-)
-def test_what_cannot_have_a_class_is_refused_before_anything_moves(
-    palpate: Palpate, options: tuple[str, ...], message: str
-) -> None:
-    said = palpate(*CALIBRATE, *options)
-    assert (said.status, message in said.complaint) == (2, True), said.complaint
-
-
 @pytest.mark.slow
 def test_a_calibration_that_misses_its_class_is_stored_and_told_with_what_binds_and_ends_as_a_failure(
     palpate: Palpate,

@@ -538,19 +538,6 @@ def test_people_read_the_distance_sample_by_sample_and_why_there_is_none(palpate
     ] == []
 
 
-@pytest.mark.parametrize(
-    ("options", "part"),
-    [
-        (("--design", "singel"), "unknown design with experiments 'singel' (did you mean 'single'?)"),
-        (("--design", "array"), "unknown design with experiments 'array'"),
-        (("--design", "single", "--store"), "--design: not with --store"),
-    ],
-)
-def test_what_has_no_answer_is_refused(palpate: Palpate, options: tuple[str, ...], part: str) -> None:
-    said = palpate("model", "validation", *options)
-    assert said.status == 2 and part in said.err and said.out == ""
-
-
 def test_a_ratio_comes_with_the_distance_of_its_model_from_the_experiments(palpate: Palpate) -> None:
     ratio = ("model", "ratio", "--sensed-modulus", "48.3 kPa")
     (found,) = palpate(*ratio, "--json").object["validation"]

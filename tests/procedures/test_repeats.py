@@ -15,7 +15,7 @@ from palpate.extend import Target
 from palpate.instrument.findings.film_forces import PRIOR_FREEDOM
 from palpate.instrument.quantity import parse, parse_list, parse_tolerance
 from palpate.testing import steps
-from tests.procedures.conftest import Benches, Palpate, interrupt_at, refused, resumed_digest, resumes_to_the_same
+from tests.procedures.conftest import Palpate, interrupt_at, resumed_digest, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -159,27 +159,6 @@ def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can()
     good = str(error.value).split("--positions '")[1].split("', which reach it")[0]
     assert good == "0 mm, 2 mm, 10 mm, 12 mm, 14 mm, 22 mm, 24 mm"
     replace(PLACES, positions=parse_list(good, "m")).plan(PAIR)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--tolerance", "1 mm"), "--tolerance 1 mm is outside 0.01 mm to 0.6 mm; leave it out: more than one"),
-        (("--tolerance", "0 mm"), "--tolerance 0 mm is outside 0.01 mm to 0.6 mm; give one inside, such as '0.2 mm'"),
-        (("--tolerance", "5 %"), "where m belongs"),
-        (("--time", "2 min"), "one load set at each of 13 positions takes"),
-        (("--time", "0 s"), "--time 0 s is not above 0"),
-        (("--time", "300 h"), "holds more than 10000 load sets at each of 13 positions, the most of a run"),
-        (
-            ("--dwell", "1 s", "--time", "1 h"),
-            "--dwell and --time: the time determines the dwell; give only one of them",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused_before_a_bench_starts(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("sweep", "position", *arguments), benches)
 
 
 @pytest.mark.slow

@@ -132,20 +132,6 @@ def test_a_plot_goes_where_it_is_told_and_never_over_another(palpate: Palpate) -
     assert palpate(*plot, "--out", "q.png", "--quiet").out == ""
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--sample", "9"), "unknown sample '9'"),
-        (("--load", "3"), "'3' has no unit where N belongs"),
-        (("--load", "0 N"), "load 0 N is not above 0 and finite"),
-        (("--frequency", "-1 Hz"), "frequency -1 Hz is not above 0 and finite"),
-    ],
-)
-def test_a_measurement_that_cannot_be_is_refused(options: tuple[str, str], message: str, palpate: Palpate) -> None:
-    assert message in palpate("scene", "plot", "ideal", *options).complaint
-    assert not Path("runs").exists()
-
-
 def test_the_picture_holds_every_stage_of_every_film_in_millivolts_and_marks_saturated_samples(
     monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
@@ -301,25 +287,3 @@ def test_no_bound_is_given_of_a_dwell_that_no_sine_can_be_fitted_to(palpate: Pal
 
 
 # --- what is refused -----------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--mark", "0"), "--mark: '0' is not above 0"),
-        (("--load", "1e-300 N"), "load 1e-300 N is outside 1e-06 to 1e+06 N; give one inside"),
-        (("--frequency", "1e-300 Hz"), "1e-300 Hz is outside 1e-06 to 1e+06 Hz; give one inside"),
-        (("--mark", "5"), "--mark: '5' is 500 %, above the 50 %"),
-        (("--mark", "-1e-3"), "--mark: '-1e-3' is not above 0"),
-        (("--mark", "nan"), "--mark: 'nan' is no share; give a share such as '5 %' or 0.05"),
-        (("--mark", "1 N"), "--mark: '1 N' is no share"),
-        (("--dwell", "0 s"), "dwell 0 s is not above 0 and finite"),
-        (("--dwell", "1e5 s"), "100000 s is outside 1e-06 to 3600 s; give one inside"),
-        (("--dwell", "1"), "'1' has no unit where s belongs"),
-        (("--sample", "9"), "unknown sample '9'"),
-    ],
-)
-def test_a_question_that_cannot_be_is_refused(options: tuple[str, str], message: str, palpate: Palpate) -> None:
-    spoken = palpate("scene", "explain", "ideal", *options)
-    assert spoken.status == 2
-    assert message in spoken.complaint

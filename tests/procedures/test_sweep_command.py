@@ -30,7 +30,7 @@ from palpate.procedures.measurements.frequency import (
 )
 from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, IDEAL_SCENE, OFF, Benches, Palpate, outputs, refused
+from tests.procedures.conftest import HEADER, IDEAL_SCENE, OFF, Benches, Palpate, outputs
 from tests.shares import first_of
 
 if TYPE_CHECKING:
@@ -384,49 +384,3 @@ def test_every_scene_whose_films_warm_up_gives_what_each_change_adds_and_no_othe
     assert [point["step_K"] for point in points] == [0.5, -5, 15, 0]
     assert off_by(points, settling) < 2
     assert sum(point["valid"] for point in points) >= 3
-
-
-@pytest.mark.parametrize(
-    ("command", "arguments", "message"),
-    [
-        (POSITION, ("--positions", "12 mm"), "1 position cannot make a sweep; give 2 or more"),
-        (POSITION, ("--positions", "12 mm, 6 mm"), "positions 12 mm, 6 mm must be increasing and distinct"),
-        (
-            POSITION,
-            ("--positions", "0 mm:26 mm:2 mm"),
-            "position 26 mm is off the sensor, which reaches from 0 to 24 mm",
-        ),
-        (POSITION, ("--positions", "1 N, 2 N"), "'1 N' is in N where m belongs"),
-        (POSITION, ("--scene", "thesis_single"), "point loads are known for design 'common_base'"),
-        (POSITION, ("--sample", "9"), "unknown sample '9'"),
-        (POSITION, ("--dwell", "50 ms"), "below one cycle"),
-        (POSITION, ("--load", "9.5 N"), "above the bench's force limit"),
-        (FREQUENCY, ("--frequencies", "1 Hz, 2 Hz"), "2 frequencies; give 3 to 200 to find a corner"),
-        (FREQUENCY, ("--frequencies", "1 Hz:2 Hz:2"), "a count of 3 to 200"),
-        (FREQUENCY, ("--frequencies", "3 Hz, 2 Hz, 5 Hz"), "they must increase"),
-        (FREQUENCY, ("--frequencies", "0.01 Hz, 1 Hz, 2 Hz"), "frequency 0.01 Hz is outside 0.1 to 100 Hz"),
-        (FREQUENCY, ("--frequencies", "1 Hz, 9 Hz, 1 kHz"), "frequency 1000 Hz is outside 0.1 to 100 Hz"),
-        (FREQUENCY, ("--frequencies", "1.00049 Hz, 2 Hz, 3 Hz"), "lies between the exciter's steps"),
-        (FREQUENCY, ("--dwell", "2 h"), "dwell 7200 s is not above 0 and at most 3600 s"),
-        (FREQUENCY, ("--dwell", "-1 s"), "dwell -1 s is not above 0"),
-        (FREQUENCY, ("--load", "0 N"), "load 0 N peak to peak is not above zero"),
-        (FREQUENCY, ("--load", "9.5 N"), "above the bench's force limit of 10 N"),
-        (FREQUENCY, ("--sample", "7"), "unknown sample '7'"),
-        (TEMPERATURE, ("--temperatures", "0 K, 5 K"), "make 2 different changes; 3 to 50 give a slope"),
-        (TEMPERATURE, ("--temperatures", "0 K, 5 K, 10 K, 15 K"), "make 2 different changes"),
-        (
-            TEMPERATURE,
-            ("--temperatures", "0 K, 20 K, 70 K"),
-            "temperature 70 K relative to the start is outside -20 to 40 K",
-        ),
-        (TEMPERATURE, ("--temperatures", "0, 5, 15"), "'0' has no unit where K belongs"),
-        (TEMPERATURE, ("--soak", "-1 s"), "soak -1 s is outside 0 to 86400 s"),
-        (TEMPERATURE, ("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),
-        (TEMPERATURE, ("--frequency", "1 kHz"), "frequency 1000 Hz is outside 0.5 to 100 Hz"),
-        (TEMPERATURE, ("--load", "9.5 N"), "above the bench's force limit of 10 N"),
-    ],
-)
-def test_what_cannot_be_swept_is_refused_before_a_bench_starts(
-    palpate: Palpate, benches: Benches, command: tuple[str, str], arguments: tuple[str, str], message: str
-) -> None:
-    assert message in refused(palpate(*command, *arguments), benches)
