@@ -135,18 +135,23 @@ def palpate(
     return run
 
 
-@pytest.fixture(scope="session")
-def default_sweep(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """`palpate sweep loads --json`, once for all tests."""
+def said_once(folder: Path, *arguments: str) -> dict[str, Any]:
+    """The JSON object of `palpate` with some arguments in a folder, for tests that share it; it says nothing else."""
     out, err = StringIO(), StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.chdir(tmp_path_factory.mktemp("default"))
+        patch.chdir(folder)
         patch.delenv("PALPATE_STORE", raising=False)
-        patch.setattr(sys, "argv", ["palpate", "sweep", "loads", "--json"])
+        patch.setattr(sys, "argv", ["palpate", *arguments, "--json"])
         with pytest.raises(SystemExit) as ended:
             main()
     assert err.getvalue() == ""
     return Spoken(ended.value.code, out.getvalue(), err.getvalue()).object
+
+
+@pytest.fixture(scope="session")
+def default_sweep(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """`palpate sweep loads --json`, once for all tests."""
+    return said_once(tmp_path_factory.mktemp("default"), "sweep", "loads")
 
 
 class Benches(list[SimulatedBench]):

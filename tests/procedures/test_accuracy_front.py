@@ -19,21 +19,14 @@ from matplotlib.figure import Figure
 from palpate.extend import Question, Scene, read_scene
 from palpate.simulators.planning import weights
 from palpate.simulators.planning.weights import DRAWS, PriceLine, Subset, front, leaving_out, nested, priced, see, weigh
-from tests.procedures.conftest import IDEAL_SCENE, Palpate
+from tests.procedures.conftest import IDEAL_SCENE, Palpate, said_once
 from tests.shares import first_of
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The front of sample 4, as JSON."""
-    from click.testing import CliRunner
-
-    from palpate.procedures.commands.root import palpate as command
-
-    store = {"PALPATE_STORE": str(tmp_path_factory.mktemp("store"))}
-    said = CliRunner(env=store).invoke(command, ["accuracy", "--sample", "4", "--json"], standalone_mode=False)
-    front: dict[str, Any] = json.loads(said.output)
-    return front
+    return said_once(tmp_path_factory.mktemp("front"), "accuracy", "--sample", "4")
 
 
 def test_no_plan_of_the_front_beats_another(found: dict[str, Any]) -> None:

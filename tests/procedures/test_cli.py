@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pandas as pd
 import pytest
 from click.testing import CliRunner
 
@@ -118,24 +117,6 @@ def test_whatever_is_said_of_a_simulated_sweep_is_stamped_and_names_scene_model_
 
 
 # --- runs ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("to", "read"), [("csv", pd.read_csv), pytest.param("parquet", pd.read_parquet, marks=pytest.mark.slow)]
-)
-def test_a_run_is_exported_once(to: str, read: Any, palpate: Palpate) -> None:
-    result = palpate(*ONE_POINT, "--out", "day", "--json").object
-    export = ("runs", "export", "day", "--to", to, "--out", "tables")
-    files = palpate(*export, "--json").object["files"]
-    assert files == [f"tables/points.{to}", f"tables/waveforms.{to}"]
-    points, waveforms = (read(file) for file in files)
-    assert points["force_ratio"].tolist() == pytest.approx([p["force_ratio"] for p in result["points"]])
-    assert points["simulated"].all() and waveforms["simulated"].all()
-    assert len(waveforms) == 2 * 50
-    before = [Path(file).read_bytes() for file in files]
-    again = palpate(*export)
-    assert (again.status, "exists and is not overwritten" in again.complaint) == (2, True)
-    assert [Path(file).read_bytes() for file in files] == before
 
 
 # --- a bench file --------------------------------------------------------------------------------------

@@ -90,20 +90,6 @@ def whole(palpate: Palpate) -> Run:
     return Run.open(Path("whole"))
 
 
-@pytest.mark.slow
-def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate, stop: Stop, whole: Run) -> None:
-    stopped(palpate, stop, 1, *SWEEP)
-    stop(2)
-    assert palpate("runs", "resume", "cut").status == 130
-    stop(0)
-    Path("cut/scene.toml").unlink()
-    said = palpate("runs", "resume", "cut", "--json").object
-    run = Run.open(Path("cut"))
-    assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
-    assert (said["softness_order"], len(said["points"])) == (whole.summary["softness_order"], 3)
-    assert events("cut") == ["stopped", "continued", "stopped", "continued"]
-
-
 def test_every_procedure_is_found_by_the_name_in_its_header_and_has_its_settings_back() -> None:
     found = {name: class_of(run_of({}, name), "resumed") for name in SHIPPED}
     assert [procedure.name for procedure in found.values()] == list(found)
