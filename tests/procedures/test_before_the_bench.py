@@ -81,8 +81,6 @@ def test_a_dry_run_leaves_no_folder_and_no_log(palpate: Palpate) -> None:
 def test_a_stored_calibration_of_the_simulated_bench_counts_and_not_the_thesis_own(palpate: Palpate) -> None:
     stored("SIM-SI-0001", **SIMULATED, greatest_N=3.5)
     assert "outside the 1.373 to 3.5 N" in palpate("sweep", "loads").complaint
-    stored("SIM-SI-0001", **SIMULATED, expires="2024-02-29")
-    assert "expired on 2024-02-29; run palpate calibrate load-cell" in palpate("sweep", "loads").complaint
 
 
 def test_a_dry_run_says_that_a_real_bench_has_no_calibration_yet(palpate: Palpate) -> None:

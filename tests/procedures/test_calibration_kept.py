@@ -309,8 +309,7 @@ model = "column"
 adc = "on"
 """
 ODD = PLAIN + '[effects.load_cell]\nsensitivity = "10 mV/N"\n'
-SWEPT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
-CALIBRATE = ("calibrate", "load-cell", "--loads", "1.5 N, 4 N, 7 N", "--quiet")
+SWEPT = (*SWEEP, "--json")
 FILMS = ("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
 
 
@@ -330,7 +329,7 @@ def of_run(outcome: dict[str, object]) -> tuple[str, object, object]:
 @pytest.mark.usefixtures("scenes")
 def test_what_is_calibrated_on_a_simulated_bench_changes_no_run_of_another_scene_or_seed(palpate: Palpate) -> None:
     before = of_run(palpate(*SWEPT, "--scene", "plain.toml", "--seed", "3").object)
-    for calibrate in (CALIBRATE, FILMS):
+    for calibrate in (CELL, FILMS):
         for other in (("--scene", "odd.toml"), ("--scene", "plain.toml", "--seed", "4")):
             assert palpate(*calibrate, *other).status == 0
     assert of_run(palpate(*SWEPT, "--scene", "plain.toml", "--seed", "3").object) == before
@@ -369,7 +368,7 @@ def test_a_client_of_a_served_bench_stores_for_its_scene_alone(lab: str, sim: Si
 
 
 def test_a_run_tells_that_its_calibration_was_made_later_or_is_another_than_it_began_with(palpate: Palpate) -> None:
-    path = Path(palpate(*CALIBRATE[:-1], "--json").object["calibration_file"])
+    path = Path(palpate(*CELL[:-1], "--json").object["calibration_file"])
     later = read_calibration(path).model_copy(update={"created": "2999-01-01T00:00:00+00:00"})
     write_calibration(path, later)
     assert "(made after the run began, on 2999-01-01T00:00:00+00:00)" in palpate(*SWEPT[:-1], "--out", "day").out

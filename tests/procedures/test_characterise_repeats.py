@@ -20,7 +20,7 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeSets
 from palpate.procedures.measurements.characterise.report import FilmsPoint
-from tests.procedures.conftest import Palpate, resumes_to_the_same
+from tests.procedures.conftest import Palpate
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -138,11 +138,6 @@ def test_a_run_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Pa
     assert short.outcome["achieved_seconds"] is not None
     assert 130 < short.outcome["achieved_seconds"] <= 140
     assert short.result.stopped.startswith("± 7 % NOT REACHED within 140 s: ")
-
-
-@pytest.mark.slow
-def test_a_run_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    assert resumes_to_the_same(replace(ASKED, time=160.0), "thesis_single", 8, tmp_path)
 
 
 @pytest.mark.slow

@@ -165,10 +165,11 @@ def test_a_person_sees_how_long_it_takes_and_what_is_asked_beside_the_progress_b
     [
         (signal.SIGINT, "sample 1, 3 N", 130, "interrupted\npoints already taken are", [2.0]),
         (signal.SIGTERM, "sample 1, 3 N", 143, "terminated\npoints already taken are", [2.0]),
+        (signal.SIGHUP, "sample 1, 3 N", 129, "hung up\npoints already taken are", [2.0]),
         (signal.SIGINT, "sample 1, 2 N", 130, "interrupted\nno point was taken; the begun run is", []),
     ],
 )
-def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run_and_tell_what_is_kept(
+def test_ctrl_c_sigterm_and_a_closed_terminal_stop_the_outputs_and_then_close_the_run_and_tell_what_is_kept(
     palpate: Palpate, benches: Benches, on_progress: Any, monkeypatch: pytest.MonkeyPatch,
     number: signal.Signals, at: str, status: int, message: str, loads: list[float],
 ) -> None:  # fmt: skip
@@ -180,16 +181,26 @@ def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run_and_tell_wha
         finish(self, state, *args)
 
     monkeypatch.setattr(Recorder, "finish", watched)
-    on_progress(lambda _done, _total, what: signal.raise_signal(number) if what == at else None)
+    driven: list[tuple[bool, bool, float]] = []
+
+    def interrupt(_done: int, _total: int, what: str) -> None:
+        if what == at:
+            driven.append(outputs(benches[0]))
+            signal.raise_signal(number)
+
+    on_progress(interrupt)
     said = palpate(*SMALL, "--out", "day", "--json")
     day = Path("day").absolute()
     kept = f"palpate: {message} kept in {day}; go on with: palpate runs resume {day}\nthe outputs are off\n"
     assert (said.status, said.out, said.err.lstrip("\n")) == (status, "", kept)
-    assert closed == [(OFF, "stopped")]
+    assert ([on for *on, amplitude in driven if amplitude], closed) == ([[True, True]] * len(loads), [(OFF, "stopped")])
     assert (Run.open(Path("day")).status, [p["load_N"] for p in Run.open(Path("day")).points()]) == ("stopped", loads)
 
 
 # --- names that a shell completes ---------------------------------------------------------------------
+
+
+SCENES = ("sweep loads --scene", "scene show", "serve", "accuracy --scene")
 
 
 def completed(line: str) -> list[str]:
@@ -198,16 +209,17 @@ def completed(line: str) -> list[str]:
     return CliRunner().invoke(root, prog_name="palpate", env=variables).output.split()
 
 
-@pytest.mark.parametrize("command", ["sweep loads --scene", "scene show", "serve", "accuracy --scene"])
-def test_scenes_are_completed_and_else_files(command: str) -> None:
-    assert completed(f"palpate {command} thesis_s") == ["plain,thesis_single"]
-    assert completed(f"palpate {command} ./mine") == ["file,./mine"]
-
-
-@pytest.mark.parametrize("command", ["model ratio", "softness", "sweep loads"])
-def test_every_model_is_completed(command: str) -> None:
-    assert set(completed(f"palpate {command} --model ")) == {f"plain,{name}" for name in (*MODELS, "auto")}
-    assert completed(f"palpate {command} --model sol") == ["plain,solid"]
+@pytest.mark.parametrize(
+    ("command", "begun", "found"),
+    [
+        *((command, "thesis_s", {"plain,thesis_single"}) for command in SCENES),
+        *((command, "./mine", {"file,./mine"}) for command in SCENES),
+        *((f"{command} --model", "sol", {"plain,solid"}) for command in ("model ratio", "softness", "sweep loads")),
+        ("softness --model", "", {f"plain,{name}" for name in (*MODELS, "auto")}),
+    ],
+)
+def test_scenes_and_else_files_and_every_model_are_completed(command: str, begun: str, found: set[str]) -> None:
+    assert set(completed(f"palpate {command} {begun}")) == found
 
 
 def test_runs_of_the_store_are_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

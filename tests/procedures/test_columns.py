@@ -70,7 +70,9 @@ def installed(install: Install, old: str = "", new: str = "") -> None:
     install("acme-lab", "palpate.procedures", {"waiting": "acme_waiting:Waiting"}, **module)
 
 
-def test_a_new_column_of_a_sweep_is_one_place(install: Install, palpate: Palpate) -> None:
+def test_a_new_column_of_a_sweep_is_one_place_is_recorded_and_a_dataset_says_what_it_is(
+    install: Install, palpate: Palpate
+) -> None:
     installed(install)
     lines = palpate("measure", "waiting", "--scene", "ideal", "--out", "printed").out.splitlines()
     heads, units, _, row = (line.split() for line in lines[2:6])
@@ -80,12 +82,7 @@ def test_a_new_column_of_a_sweep_is_one_place(install: Install, palpate: Palpate
         [f"{point['force_ratio']:.4f}", f"{1e3 * point['settling_s']:.0f}"],
         ["sample", "force_ratio", "settling_s", "settling_u"],
     )
-
-
-def test_it_is_recorded_and_a_dataset_says_what_it_is(install: Install, palpate: Palpate) -> None:
-    installed(install)
-    (point,) = palpate("measure", "waiting", "--scene", "ideal", "--out", "run", "--json").object["points"]
-    run = read(Path("run"))
+    run = read(Path("told"))
     (recorded,) = run.points()
     assert {name: recorded[name] for name in point} == point
     settling = as_dataset(run).settling_s

@@ -25,7 +25,7 @@ from palpate.procedures.steps.checks import check_frequency, parse_loads
 from tests.benchmarks.modulus import KINDS, asked, block, compared, fast
 from tests.benchmarks.modulus import Run as RunInFigures
 from tests.chance import plausible
-from tests.procedures.conftest import Palpate, interrupt_at
+from tests.procedures.conftest import Palpate
 
 MEASURE = ("measure", "modulus")
 TARGET = Target(get_design("single"), 10.0, 1, "experiment")
@@ -394,20 +394,6 @@ def test_6_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpa
     assert sum(point["seconds"] for point in found["points"]) == pytest.approx(found["achieved_seconds"], abs=7)
     run = Run.open(Path("run"))
     assert ([event["kind"] for event in run.events()], run.summary["achieved_u"]) == (["enough"], found["achieved_u"])
-
-
-@pytest.mark.slow
-def test_a_measurement_that_was_stopped_ends_as_one_that_was_not(palpate: Palpate, on_progress: Any) -> None:
-    command = (*MEASURE, "--sample", "2", "--tolerance", "8 %", *STATED, "--mountings", "3", "--quiet")
-    assert palpate(*command, "--out", "whole").status == 0
-
-    on_progress(interrupt_at(12))
-    assert palpate(*command, "--out", "cut").status == 130
-    on_progress(lambda *_: None)
-    assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    whole, cut = Run.open(Path("whole")), Run.open(Path("cut"))
-    assert (cut.digest(), cut.summary) == (whole.digest(), whole.summary)
-    assert {point["mounting"] for point in whole.points()} == {1, 2, 3}
 
 
 @pytest.mark.slow

@@ -14,7 +14,6 @@ import pytest
 
 from palpate.extend import Bench, DeviceError, DynamicLoadWork, Lab, Recorder, SafetyError
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import UnreachableError
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.steps.probe import APPROACH_STEP, approach, preload
 from palpate.simulators.bench import SimulatedBench
@@ -143,17 +142,3 @@ def test_a_force_above_the_limit_sends_the_probe_home(sim: SimulatedBench, known
             approach(bench, THESIS_LOAD_CELL, PRELOAD, "it", free_until=known)
         assert bench.device("positioner").position() == 0.0
     assert now(sim).max() == 0.0
-
-
-def test_a_force_beyond_the_travel_is_refused(bench: Bench) -> None:
-    bench.operator.mount(SAMPLES["2"])
-    bench.device("positioner").set_limits(0.0, 10e-3)
-    with pytest.raises(UnreachableError, match=r"a preload of 1\.2 N is not reached: .* ends at 10\.000 mm"):
-        approach(bench, THESIS_LOAD_CELL, PRELOAD, "it")
-
-
-def test_an_open_bridge_ends_the_approach(sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch) -> None:
-    bench.operator.mount(SAMPLES["1"])
-    open_bridge(sim, monkeypatch)
-    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open; check the bridge"):
-        approach(bench, THESIS_LOAD_CELL, PRELOAD, "it")

@@ -5,12 +5,23 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scipy.stats import t
 
 import palpate
-from palpate import FilmSeries, LoadSweep, PositionSweep, RangeError, UsageError, get_design
+from palpate import (
+    Characterisation,
+    FilmSeries,
+    LoadSweep,
+    ObjectModulus,
+    PositionSweep,
+    RangeError,
+    UsageError,
+    get_design,
+    get_sample,
+)
 from palpate.extend import Target
 from palpate.instrument.findings.film_forces import PRIOR_FREEDOM
 from palpate.instrument.quantity import parse, parse_list, parse_tolerance
@@ -178,8 +189,20 @@ def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_sweep_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    assert resumes_to_the_same(replace(PLACES, time=270.0), "thesis_common_base", 2, tmp_path)
+@pytest.mark.parametrize(
+    ("asked", "scene", "after"),
+    [
+        (replace(PLACES, time=270.0), "thesis_common_base", 2),
+        (Characterisation((2.0, 3.0, 4.0), 0.2, drift_time=2.0, tolerance=0.07, time=160.0), "thesis_single", 8),
+        (ObjectModulus(get_sample("2"), 0.08, relative_to_model=True, mountings=3, mounting_scatter=0.0),
+         "thesis_single", 12),
+    ],
+    ids=lambda each: getattr(each, "name", each),
+)  # fmt: skip
+def test_a_run_to_a_target_that_was_cut_resumes_to_the_same(
+    asked: palpate.Procedure[Any, Any, Any], scene: str, after: int, tmp_path: Path
+) -> None:
+    assert resumes_to_the_same(asked, scene, after, tmp_path)
 
 
 @pytest.mark.slow

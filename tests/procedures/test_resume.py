@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -403,34 +400,3 @@ def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
     with pytest.raises(palpate.UsageError, match=r"first: 'uninstalled' .* cannot be resumed without its class"):
         palpate.resume(gone)
     assert palpate.resume(cut).run.digest() == whole.run.digest()
-
-
-SCRIPT = """
-import os, sys, palpate
-from palpate.testing import steps
-from tests.procedures.test_resume import CHAIN
-cut, points, signal = map(int, sys.argv[1:])
-def kill(done, total, what):
-    if number == cut and done == points: os.kill(os.getpid(), signal)
-with palpate.open_bench(scene="thesis_single") as bench:
-    for number, procedure in enumerate(CHAIN):
-        print(palpate.run(procedure, bench, out=f"run{number}", listeners=[steps(kill)]).run.digest(), flush=True)
-"""
-RESUME = "import sys, palpate; print(palpate.resume(sys.argv[1]).run.digest())"
-
-
-@pytest.mark.slow
-def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def python(folder: Path, code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-        folder.mkdir(exist_ok=True)
-        monkeypatch.setenv("PALPATE_STORE", str(folder / "store"))
-        monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-        command = [sys.executable, "-c", code, *map(str, arguments)]
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True)
-
-    whole = python(tmp_path / "whole", SCRIPT, -1, 0, 0).stdout.split()
-    ended = python(tmp_path / "killed", SCRIPT, 1, 2, int(signal.SIGKILL))
-    assert (ended.returncode, ended.stdout.split()) == (-signal.SIGKILL, whole[:1])
-    assert python(tmp_path / "killed", RESUME, "run1").stdout.split() == [whole[1]]

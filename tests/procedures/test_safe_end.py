@@ -65,21 +65,6 @@ def ended_safe(benches: Benches, status: str) -> None:
     assert (run.status, [p["load_N"] for p in run.points()][:1]) == (status, [2.0])
 
 
-def test_a_terminal_that_is_closed_while_the_shaker_is_driven_switches_it_off(
-    palpate: Palpate, benches: Benches, on_progress: Any
-) -> None:
-    driven: list[tuple[bool, bool, float]] = []
-
-    def interrupt() -> None:
-        driven.append(outputs(benches[0]))
-        send(signal.SIGHUP)
-
-    on_progress(at_second_load(interrupt))
-    assert palpate(*SMALL).status == 128 + signal.SIGHUP
-    assert driven[0][:2] == (True, True) and driven[0][2] > 0
-    ended_safe(benches, "stopped")
-
-
 @pytest.mark.parametrize("device", first_of(["amplifier", "generator"]))
 def test_a_second_interrupt_while_outputs_are_being_switched_off_does_not_keep_them_on(
     palpate: Palpate, benches: Benches, on_progress: Any, monkeypatch: pytest.MonkeyPatch, device: str
@@ -238,18 +223,6 @@ def test_a_killed_sweep_keeps_every_point_it_reported(
     check_reported(run, end.reported)
     shown = palpate("runs", "show", "run", "--json").object
     assert (shown["points"], shown["status"], shown["simulated"]) == (run.points(), "running", True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_sweep_that_is_told_to_stop_ends_with_its_outputs_off(
-    commands: Commands, tmp_path: Path, number: signal.Signals
-) -> None:
-    end = commands.signalled(number, "tick", 110, *SWEEP, str(tmp_path / "run"))
-    assert (end.status, end.outputs, end.reported > 0) == (128 + number, OFF, True)
-    run = Run.open(tmp_path / "run")
-    assert run.status == "stopped"
-    check_reported(run, end.reported)
 
 
 @pytest.mark.slow

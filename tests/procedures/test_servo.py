@@ -15,7 +15,7 @@ from palpate.drivers.bench import Bench
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
 from palpate.instrument.arrays import Floats
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import BenchError, DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
@@ -24,7 +24,7 @@ from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.work import StaticLoadWork
 from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
-from palpate.procedures.steps.probe import check_zero, preload
+from palpate.procedures.steps.probe import approach, check_zero, preload
 from palpate.procedures.steps.servo import PATIENCE, LoadServo
 from palpate.simulators.bench import SimulatedBench
 from tests.procedures.conftest import OFF, Palpate, happens_in, outputs, sweep
@@ -109,11 +109,16 @@ def test_the_probe_is_pressed_on_with_the_preload(sim: SimulatedBench, bench: Be
     assert now(sim).mean() == pytest.approx(PRELOAD, rel=0.05, abs=0.05)
 
 
-def test_a_preload_beyond_the_travel_is_refused(bench: Bench) -> None:
+def quickly(bench: Bench, calibration: LoadCellCalibration, force: float) -> None:
+    approach(bench, calibration, force, "it")
+
+
+@pytest.mark.parametrize("press", [preload, quickly])
+def test_a_preload_beyond_the_travel_is_refused(bench: Bench, press: Callable[..., object]) -> None:
     bench.operator.mount(SAMPLES["2"])
     bench.device("positioner").set_limits(0.0, 10e-3)
     with pytest.raises(UnreachableError, match=r"preload of 2\.4 N is not reached: .* ends at 10\.000 mm"):
-        preload(bench, THESIS_LOAD_CELL, PRELOAD)
+        press(bench, THESIS_LOAD_CELL, PRELOAD)
 
 
 def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBench) -> None:
@@ -125,14 +130,15 @@ def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBenc
     assert now(sim).max() == 0.0
 
 
+@pytest.mark.parametrize("press", [preload, quickly])
 def test_an_open_bridge_ends_the_approach_and_gives_no_steady_force(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch, press: Callable[..., object]
 ) -> None:
     work = StaticLoadWork(Lab(bench, DESIGNS["single"], THESIS_LOAD_CELL), "1", PRELOAD)
     bench.operator.mount(SAMPLES["1"])
     open_bridge(sim, monkeypatch)
-    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open"):
-        preload(bench, THESIS_LOAD_CELL, PRELOAD)
+    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open; check the bridge"):
+        press(bench, THESIS_LOAD_CELL, PRELOAD)
     with pytest.raises(DeviceError, match="no valid reading under load: bridge open"):
         work.load()
 

@@ -8,6 +8,7 @@ import pty
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -108,30 +109,15 @@ def test_a_dry_run_prints_the_plan_and_sends_nothing(palpate: Palpate, benches: 
 # --- pauses ----------------------------------------------------------------------------------------------
 
 
-class Once:
-    """Asks for a pause before the second point, and looks at the outputs meanwhile."""
-
-    def __init__(self, sim: SimulatedBench) -> None:
-        self._sim = sim
-        self._points = 0
-        self.seen: list[tuple[bool, bool, float]] = []
-
-    def asked(self) -> bool:
-        self._points += 1
-        return self._points == 2
-
-    def wait(self) -> None:
-        self.seen.append(outputs(self._sim))
-        self._sim.clock.wait(600.0)
-
-
 def test_a_pause_switches_off_and_the_load_is_set_anew(sim: SimulatedBench, bench: Bench, tmp_path: Path) -> None:
     lab = Lab(bench, get_design("single"), THESIS_LOAD_CELL)
-    pause = Once(sim)
+    seen: list[tuple[bool, bool, float]] = []
+    pause = Mock(asked=Mock(side_effect=[False, True]))  # before the second point
+    pause.wait.side_effect = lambda: (seen.append(outputs(sim)), sim.clock.wait(600.0))
     with Recorder.create(tmp_path / "run", HEADER) as record:
         result = conduct(LoadSweep(("1",), (2.0, 3.0), 0.2), lab, record, pause=pause)
         record.finish("complete", result.summary())
-    assert (pause.seen, [(p.load_N, p.valid) for p in result.points]) == ([OFF], [(2.0, True), (3.0, True)])
+    assert (seen, [(p.load_N, p.valid) for p in result.points]) == ([OFF], [(2.0, True), (3.0, True)])
     assert result.points[1].load_measured_N == pytest.approx(3.0, abs=0.12)
     assert [event["kind"] for event in Run.open(tmp_path / "run").events()] == ["paused", "resumed"]
 
@@ -155,21 +141,20 @@ def test_the_key_p_asks_for_a_pause_and_ends_it(capsys: pytest.CaptureFixture[st
         os.close(terminal)
 
 
-def test_without_loads_each_sensor_has_those_of_its_tables_by_command_and_in_python(palpate: Palpate) -> None:
+def test_without_loads_each_sensor_has_those_of_its_tables_by_command_in_python_and_in_the_record(
+    palpate: Palpate,
+) -> None:
     """Tables A2.9 to A2.14 end at 4 N, Tables A2.15 to A2.20 at 4.5 N: their printed means are of six and of seven."""
     for scene, sets in (("thesis_single", 6), ("thesis_common_base", 7), ("thesis_different_base", 6)):
         planned = palpate("sweep", "loads", "--scene", scene, "--samples", "1", "--dry-run", "--json").object["points"]
         assert [each["load_N"] for each in planned] == [1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5][:sets]
-    with open_bench(scene="thesis_common_base") as bench:
-        assert len(plan(LoadSweep(samples=("1",)), bench).steps) == 7
-        assert len(plan(LoadSweep(samples=("1",), loads=(2.0, 3.0)), bench).steps) == 2
-
-
-def test_the_loads_that_a_sensor_filled_in_are_in_the_record(palpate: Palpate) -> None:
-    palpate("sweep", "loads", "--scene", "thesis_common_base", "--samples", "1", "--dwell", "0.2 s", "--out", "run")
+    palpate("sweep", "loads", "--scene", "thesis_common_base", "--samples", "1", "--dwell", "0.1 s", "--out", "run")
     run = Run.open(Path("run"))
     assert run.header["settings"]["loads"] == [1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5]
     assert [point["valid"] for point in run.points()] == [True] * 7
+    with open_bench(scene="thesis_common_base") as bench:
+        assert len(plan(LoadSweep(samples=("1",)), bench).steps) == 7
+        assert len(plan(LoadSweep(samples=("1",), loads=(2.0, 3.0)), bench).steps) == 2
 
 
 # --- `palpate sweep position` -------------------------------------------------------------------------
