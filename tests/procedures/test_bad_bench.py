@@ -13,9 +13,8 @@ from typing import Any
 
 import pytest
 
-from palpate.instrument.bench.description import BenchDescription
-from palpate.instrument.contracts.declaration import Identity
-from palpate.procedures.records.run import Run
+from palpate import Run
+from palpate.extend import BenchDescription, Identity
 from palpate.procedures.virtual.served_bench import Person
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import Install, hasty

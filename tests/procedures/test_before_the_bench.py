@@ -12,13 +12,12 @@ from unittest.mock import Mock
 
 import pytest
 
-from palpate.instrument.bench.description import read_bench
+from palpate import ConfigError, RangeError
+from palpate.extend import read_bench, read_scene
 from palpate.instrument.calibration.files import write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab.calibrations import check_nameable, check_store, path_of
-from palpate.simulators.planning.settle import read_scene
 from tests.fuzz.files import BENCH
 from tests.procedures.conftest import Palpate
 

@@ -11,8 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import palpate
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
+from palpate.extend import Scene, read_scene
 from tests.drivers.outside import installed
 from tests.procedures.conftest import Palpate
 

@@ -21,18 +21,15 @@ import pytest
 import tomli_w
 
 import palpate as package
+from palpate import ConfigError, Run
+from palpate.extend import ModelCalibration, Scene, read_scene
 from palpate.instrument.calibration.calibration import ANY
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.response import RatioQuestion
 from palpate.procedures.lab.calibrations import mountings_of, path_of, probable_references
-from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
 from tests.calibration_kills import COMMANDS, ERRORS, FAULTS, in_process, served
 from tests.procedures.conftest import Palpate, scene_of
 from tests.runs import rehash

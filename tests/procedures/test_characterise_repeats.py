@@ -10,14 +10,13 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate import RangeError, get_design
+from palpate.extend import Target
 from palpate.instrument.allocation.lines import budget
 from palpate.instrument.allocation.table import MOST_SETS
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import RangeError
 from palpate.instrument.findings.film_forces import NOISE
 from palpate.instrument.quantity import parse_tolerance
-from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.characterise.procedure import READING, Characterisation, SlopeSets
 from palpate.procedures.measurements.characterise.report import FilmsPoint
 from tests.procedures.conftest import Palpate

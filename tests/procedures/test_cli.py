@@ -12,11 +12,10 @@ import click
 import pytest
 from click.testing import CliRunner
 
-from palpate.instrument.errors import UsageError
+from palpate import Run, UsageError
+from palpate.extend import Recorder
 from palpate.instrument.models.table import MODELS
 from palpate.procedures.commands.root import palpate as root
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, commands, outputs
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")

@@ -16,12 +16,11 @@ from unittest.mock import Mock
 import numpy as np
 import pytest
 
-from palpate.instrument.errors import RecordError
+from palpate import RecordError, Run
+from palpate.extend import Recorder
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.chain import HEAD_FILE, RECORD
 from palpate.procedures.records.damage import check
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
 
 SWEEP = ("sweep", "loads", "--samples", "1", "--loads", "2 N, 3 N", "--dwell", "0.2 s", "--out", "day")

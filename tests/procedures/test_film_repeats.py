@@ -8,10 +8,9 @@ from pathlib import Path
 import pytest
 
 import palpate
+from palpate import FilmSeries, get_design
+from palpate.extend import Target
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.sensor.designs import get_design
-from palpate.procedures.lab.lab import Target
-from palpate.procedures.measurements.films import FilmSeries
 
 pytestmark = pytest.mark.usefixtures("own_store")
 

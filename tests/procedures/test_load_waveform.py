@@ -12,14 +12,11 @@ import pytest
 from matplotlib.figure import Figure
 
 import palpate
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, SensorNode
+from palpate.extend import Bench, LoadIndicator, Scene, SensorNode, read_scene
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.engine.listeners import Traced
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig import RigLoadCell
-from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate
 from tests.procedures.live import served
 from tests.procedures.test_live_page import Page, browser, page

@@ -11,10 +11,8 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import SensorNode
-from palpate.instrument.errors import RangeError, RecordError
-from palpate.instrument.sensor.designs import get_design
+from palpate import RangeError, RecordError, get_design
+from palpate.extend import Bench, SensorNode
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.engine.run import Unrecorded
 from palpate.procedures.lab import operator

@@ -9,15 +9,11 @@ from typing import Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, Positioner
-from palpate.instrument.errors import BenchError, DeviceError, RangeError
+from palpate import BenchError, RangeError, Run
+from palpate.extend import Bench, DeviceError, LoadIndicator, Positioner, Scene, read_scene
 from palpate.procedures.logs import read_log
 from palpate.procedures.measurements.loads import LoadPoint
-from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
 from tests.fault_matrix import undisturbed
 from tests.fault_procedures import real_bench, scene
 from tests.pages import ROOT

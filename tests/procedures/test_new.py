@@ -16,8 +16,7 @@ import pytest
 import palpate
 import palpate.procedures.testing.benches
 import palpate.testing
-from palpate.instrument.errors import UsageError
-from palpate.instrument.sensor.designs import get_design
+from palpate import UsageError, get_design
 from palpate.procedures.templates.new_files import new_bench, new_device, new_package
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import Install

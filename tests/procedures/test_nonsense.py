@@ -18,12 +18,23 @@ import tomli_w
 
 import palpate
 import palpate as package
-from palpate.extend import Lab, Measurement, Plan, Procedure, SimpleResult, Step, Target
+from palpate import BenchError, ConfigError, PalpateError, RangeError, UsageError, get_design
+from palpate.extend import (
+    Lab,
+    Measurement,
+    Plan,
+    Procedure,
+    Question,
+    Recorder,
+    SimpleResult,
+    Step,
+    Target,
+    driven,
+    read_scene,
+)
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.errors import BenchError, ConfigError, PalpateError, RangeError, UsageError
 from palpate.instrument.quantity import parse
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import parse_samples
 from palpate.procedures.commands.options import MANY, Output
 from palpate.procedures.engine.conduct import asked, conduct
@@ -31,11 +42,8 @@ from palpate.procedures.engine.run import prepared
 from palpate.procedures.lab.session import reserved
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.export import export
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.study.results import read_results
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.planning.settle import read_scene
 from tests.conftest import Install
 from tests.hostile_scenes import cases
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of

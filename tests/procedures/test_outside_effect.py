@@ -9,12 +9,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from palpate import ConfigError, PalpateError, get_design
+from palpate.extend import BenchDescription, Design, Scene, Stream, read_scene
 from palpate.instrument.arrays import Floats, Times
-from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check
-from palpate.instrument.errors import ConfigError, PalpateError
-from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.about import added_by
 from palpate.procedures.virtual import study_cell
 from palpate.simulators.bench import SimulatedBench
@@ -26,9 +24,6 @@ from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.physics.effect import Bound, Case, Effect, FilmsEffect, Kind, Rates
 from palpate.simulators.planning.plan import Question, plan
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.randomness import Stream
-from palpate.simulators.scenes.scene import Scene
 from palpate.testing import EffectConformance
 from tests.conftest import Install
 from tests.procedures.conftest import Palpate

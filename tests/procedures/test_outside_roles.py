@@ -11,21 +11,25 @@ from typing import Any
 import pytest
 
 import palpate
-from palpate.drivers.bench import Bench
-from palpate.drivers.devices.exciter import Exciter
-from palpate.drivers.roles import LoadIndicator, SensorNode
-from palpate.instrument.bench.description import BenchDescription
+from palpate import BenchError, ConfigError, RangeError
+from palpate.extend import (
+    Bench,
+    BenchDescription,
+    Exciter,
+    LoadIndicator,
+    SafetyError,
+    Scene,
+    SensorNode,
+    Target,
+    read_scene,
+)
 from palpate.instrument.bench.kinds import device_kind
 from palpate.instrument.config import check
-from palpate.instrument.errors import BenchError, ConfigError, RangeError, SafetyError
 from palpate.procedures.lab.chosen import Chosen
-from palpate.procedures.lab.lab import Target
 from palpate.procedures.measurements.loads import SweepResult
 from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
 from tests.conftest import Install
 from tests.drivers.outside import installed
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep

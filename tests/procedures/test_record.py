@@ -14,11 +14,10 @@ from typing import NoReturn
 import numpy as np
 import pytest
 
-from palpate.instrument.errors import RangeError, RecordError, UsageError
+from palpate import RangeError, RecordError, Run, UsageError
 from palpate.procedures.records.chain import HASH, LARGEST_ROW
 from palpate.procedures.records.record import Recorder, new_run_folder
 from palpate.procedures.records.record_file import IN_A_FRAME
-from palpate.procedures.records.run import Run
 
 HEADER = {"procedure": "sweep loads", "simulated": True, "started": "2025-03-14T15:09:26Z", "seed": 7}
 SECOND = 1_000_000_000

@@ -17,11 +17,9 @@ from matplotlib.container import ErrorbarContainer
 from matplotlib.figure import Figure
 from PIL import Image
 
-from palpate.extend import Column
+from palpate import RecordError, get_design
+from palpate.extend import Column, Design, Recorder
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import RecordError
-from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.measurements.load_cell.report import (
     LoadCellPoint,
     LoadCellResult,
@@ -29,7 +27,6 @@ from palpate.procedures.measurements.load_cell.report import (
     show_load_cell,
 )
 from palpate.procedures.measurements.loads import LoadPoint, evaluate, plot_sweep, show_sweep
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.run import Run, RunSummary, list_runs
 from palpate.procedures.showing.figure import logarithmic, name_all, new_figure, plot_over_loads, save, with_u, write
 from palpate.procedures.showing.runs import print_run, print_runs

@@ -13,22 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate import Run, get_design
+from palpate.extend import Lab
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, EvidencePart, ratio_by
 from palpate.instrument.models.validation import validate
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.instrument.signals.oscilloscope import Distortion, ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell.report import LoadCellPoint, LoadCellResult
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, SweepResult, evaluate
 from palpate.procedures.measurements.modulus import ModulusResult
-from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import chapter4, chapter5, curves, everything, models
 from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, distortion_sentence, quantities, read_traces
 from palpate.procedures.reproduce.criterion import LEAST_SHARE, all_means, judge

@@ -17,20 +17,15 @@ import pytest
 import tomli_w
 
 import palpate
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.description import read_bench
-from palpate.instrument.errors import RecordError
-from palpate.instrument.sensor.sample import get_sample
+from palpate import RecordError, Run, SoftnessTest, get_sample
+from palpate.extend import Bench, Recorder, read_bench
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
-from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.records.chain import HEAD_FILE
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed, header_of, settings_of
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.pause import NOBODY
 from palpate.simulators.bench import SimulatedBench
 from palpate.testing import steps

@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.instrument.errors import RecordError, UnknownName, UsageError
-from palpate.procedures.engine.dataset import as_dataset
+from palpate import RecordError, UnknownName, UsageError, as_dataset
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import Head
 from palpate.procedures.records.damage import repair

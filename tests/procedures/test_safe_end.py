@@ -16,24 +16,18 @@ import numpy as np
 import pytest
 
 import palpate as package
-from palpate.drivers.bench import Bench
-from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate import LoadSweep, Run, get_design
 from palpate.drivers.devices.sample_changer import ModbusSampleChanger
+from palpate.extend import Bench, Lab, ModbusDevice, Recorder, Scene
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import SampleError
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.chain import RECORD
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.scenes.scene import Scene
 from palpate.testing import steps
 from tests.examples.relaxation import Relaxation
 from tests.kills import Commands

@@ -11,17 +11,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pytest
 
-from palpate.instrument.sensor.designs import get_design
+from palpate import get_design
+from palpate.extend import Question, Scene, read_scene
 from palpate.procedures.virtual import explained
 from palpate.procedures.virtual import explained as drawing
 from palpate.simulators.effects import EFFECTS, effect_class
 from palpate.simulators.planning import plan as planning
-from palpate.simulators.planning.plan import Question
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.waveforms import waveforms
 from palpate.simulators.planning.weights import PriceLine, Weight
 from palpate.simulators.scenes.heads import shipped
-from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import IDEAL_SCENE, Palpate
 
 if TYPE_CHECKING:

@@ -20,18 +20,14 @@ from typing import Any
 import pytest
 from rich.console import Console
 
-from palpate.drivers.bench import Bench
+from palpate import Run, get_sample
 from palpate.drivers.clock import WallClock
-from palpate.drivers.devices.modbus_device import ModbusDevice
 from palpate.drivers.links.modbus import ModbusLink
-from palpate.instrument.bench.description import read_bench
+from palpate.extend import Bench, DeviceError, ModbusDevice, Scene, read_bench
 from palpate.instrument.calibration.load_cell import STANDARD_GRAVITY
 from palpate.instrument.contracts.own import SHAKER_AMPLIFIER as AMPLIFIER
-from palpate.instrument.errors import DeviceError
-from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.lab import open as session
-from palpate.procedures.records.run import Run
 from palpate.procedures.virtual.served_bench import (
     Person,
     TransactionRate,
@@ -44,7 +40,6 @@ from palpate.procedures.virtual.served_bench import (
 from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.scenes.heads import shipped
-from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate, Spoken, happens_in
 
 STANDING = 1.0  # s of an Enter, in a bench whose time stands still otherwise

@@ -12,8 +12,8 @@ import can
 import pytest
 from can.interfaces.udp_multicast.bus import GeneralPurposeUdpMulticastBus
 
-from palpate.drivers.bench import Bench
 from palpate.drivers.links.can import CanLink
+from palpate.extend import Bench, Scene
 from palpate.instrument.bench import links
 from palpate.instrument.bench.links import MULTICAST, keep_to_group
 from palpate.instrument.contracts.field import PROBE
@@ -23,7 +23,6 @@ from palpate.simulators.bench import BenchAddresses, SimulatedBench
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.fault import places, struck
 from palpate.simulators.planning.settle import with_faults
-from palpate.simulators.scenes.scene import Scene
 from palpate.simulators.wire.can_bus import own_channel
 from tests.conftest import hasty
 

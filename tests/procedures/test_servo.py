@@ -11,18 +11,15 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate import Run
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
-from palpate.instrument.arrays import Floats
+from palpate.extend import Bench, Floats, Lab, StaticLoadWork
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import BenchError, DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.terminal import Progress
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.work import StaticLoadWork
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
 from palpate.procedures.steps.probe import approach, check_zero, preload
 from palpate.procedures.steps.servo import PATIENCE, LoadServo
