@@ -27,7 +27,7 @@ from palpate.simulators.planning.plan import Question, plan
 from palpate.testing import EffectConformance
 from tests.conftest import Install
 from tests.procedures.conftest import Palpate
-from tests.procedures.test_study_command import threads
+from tests.procedures.test_study import threads
 
 QUESTION = Question("2", 3.0, dwell=0.5)
 SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
