@@ -18,20 +18,19 @@ import canopen.lss
 import pytest
 import tomli_w
 
+from palpate import BenchError, RangeError, Run, UsageError
 from palpate.drivers.links.can import LssAddress
 from palpate.drivers.logs.bus_log import RUN, Link, Packet, PcapngWriter, packed, read_pcapng
 from palpate.drivers.scan import FoundDevice
-from palpate.instrument.bench.description import read_bench
+from palpate.extend import read_bench
 from palpate.instrument.bench.kinds import all_kinds
 from palpate.instrument.bench.links import CanBus, SerialLine, TcpLink
 from palpate.instrument.contracts.field import Field, Scaling
 from palpate.instrument.contracts.maps.map_file import SHIPPED, read_map
-from palpate.instrument.errors import BenchError, RangeError, UsageError
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab.before import begun_bench
 from palpate.procedures.lab.scan import Change, ScanPlan
 from palpate.procedures.logs import Conversation, read_log
-from palpate.procedures.records.run import Run
 from palpate.simulators.clock import VirtualClock
 from palpate.simulators.devices.twin import Twin
 from palpate.simulators.faults import inject
