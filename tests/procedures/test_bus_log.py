@@ -62,8 +62,7 @@ def test_a_sweep_is_logged_whole_and_decoded_with_names_values_and_units(palpate
     times, synced = (
         [m["time"] for m in whole if m["text"] in texts] for texts in ({m["text"] for m in whole}, {"SYNC"})
     )
-    assert times == sorted(times)
-    assert times[-1] - times[0] == pytest.approx(found["bench_seconds"], abs=1.0)
+    assert (times, times[-1] - times[0]) == (sorted(times), pytest.approx(found["bench_seconds"], abs=1.0))
     assert min(after - before for before, after in pairwise(synced)) == pytest.approx(0.004, abs=1e-6)  # as was set
     lines = palpate("bus", "show", "trace.pcapng").out.splitlines()
     assert (len(lines), lines[0].split()) == (len(whole), ["0.000000", "shaker_amplifier", "<-", "identify"])
@@ -77,8 +76,7 @@ def blocks(data: bytes) -> list[tuple[int, bytes]]:
     found = []
     while data:
         kind, size = struct.unpack_from("<II", data)
-        assert size % 4 == 0
-        assert struct.unpack_from("<I", data, size - 4) == (size,)
+        assert (size % 4, struct.unpack_from("<I", data, size - 4)) == (0, (size,))
         found.append((kind, data[8 : size - 4]))
         data = data[size:]
     return found
@@ -108,8 +106,7 @@ def test_a_capture_file_is_pcapng_with_whole_ip_packets_and_no_damage_to_it_pass
     assert int.from_bytes(header[2:4]) == 40 + len(asked) == struct.unpack_from("<I", first, 12)[0]
     assert struct.unpack(">HHII", tcp[:12]) == (50_000, 502, 1, 1)
     assert struct.unpack(">HHII", second[40:52]) == (502, 50_000, 1, 1 + len(asked))
-    assert first[60 : 60 + len(asked)] == asked
-    assert struct.unpack_from("<I", third)[0] == 1
+    assert (first[60 : 60 + len(asked)], struct.unpack_from("<I", third)[0]) == (asked, 1)
     assert third[20 + 12 :].startswith(packets[2].data)
     assert fourth[20:30] == packets[3].data
     assert fifth[20:38] == bytes.fromhex("000c 0004") + b"json" + bytes(4) + b"17" + bytes(2) + bytes.fromhex("0100")

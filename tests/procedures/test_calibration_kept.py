@@ -60,8 +60,7 @@ def test_a_run_that_is_stopped_before_its_calibration_is_stored_is_not_complete_
     assert palpate(*CELL, "--out", "day").status == 130
     files = {"certificate.md", "certificate.html", "certificate.xml", "calibration.toml"}
     assert (len(files & {path.name for path in Path("day").iterdir()}), any(STORE.glob("*"))) == (there, False)
-    assert Run.open(Path("day")).status == "stopped"
-    assert palpate("runs", "resume", "day", "--quiet").status == 0
+    assert (Run.open(Path("day")).status, palpate("runs", "resume", "day", "--quiet").status) == ("stopped", 0)
     assert Run.open(Path("day")).status == "complete"
     (stored,) = STORE.iterdir()
     assert stored.read_bytes() == Path("day/calibration.toml").read_bytes()
@@ -100,8 +99,7 @@ def test_a_complete_run_whose_calibration_is_not_stored_is_resumed_to_store_it(p
         assert (day / "certificate.md").exists()
         assert (Run.open(day).digest(), Run.open(day).status) == (digest, "complete")
     rehash(day, status="running")  # as if it had been killed just before its last row
-    assert palpate("runs", "resume", "day", "--quiet").status == 0
-    assert Run.open(day).status == "complete"
+    assert (palpate("runs", "resume", "day", "--quiet").status, Run.open(day).status) == (0, "complete")
 
 
 def test_an_older_calibration_does_not_replace_a_newer_one(palpate: Palpate) -> None:
@@ -111,8 +109,7 @@ def test_an_older_calibration_does_not_replace_a_newer_one(palpate: Palpate) -> 
     (stored,) = STORE.iterdir()
     said = palpate("runs", "resume", "old", "--quiet").complaint
     assert f"{stored} is newer, of new; remove it if this one shall be used" in said
-    assert read_calibration(stored).source == "new"
-    assert Run.open(Path("old")).status == "complete"
+    assert (read_calibration(stored).source, Run.open(Path("old")).status) == ("new", "complete")
 
 
 def test_what_has_no_calibration_to_install_says_why(palpate: Palpate) -> None:

@@ -70,8 +70,7 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused_by_every_command(
 )
 def test_an_option_whose_text_cannot_be_read_is_named(palpate: Palpate, command: str, option: str, text: str) -> None:
     said = palpate(*command.split(), option, text)
-    assert (said.status, said.out) == (2, "")
-    assert said.complaint.count(option) == 1
+    assert (said.status, said.out, said.complaint.count(option)) == (2, "", 1)
 
 
 # --- what a sweep says ---------------------------------------------------------------------------------

@@ -421,8 +421,7 @@ def test_runs_whose_slopes_differ_more_than_noise_explains_count_in_the_uncertai
     )
     assert [part.name for part in alike.sensitivity.components] == ["curve", "positions"]
     curve, _, differing = apart.sensitivity.components
-    assert differing.u == pytest.approx(SLOPE * 0.01 / math.sqrt(3), rel=0.2)
-    assert differing.degrees_of_freedom == 2
+    assert (differing.u, differing.degrees_of_freedom) == (pytest.approx(SLOPE * 0.01 / math.sqrt(3), rel=0.2), 2)
     # Noise, and steps that seven loads of about 10 mV share, leave 0.15 to 0.3 % besides.
     assert apart.sensitivity.u == pytest.approx(math.hypot(differing.u, curve.u))
 

@@ -240,8 +240,7 @@ def measured(palpate: Palpate, bench: str) -> tuple[dict[str, Any], list[str]]:
 def test_a_real_bench_records_it_by_its_file(lab: str, palpate: Palpate) -> None:
     assert WIRED in Path(lab).read_text(encoding="utf-8")
     point, told = measured(palpate, lab)
-    assert point["load_waveform_N"] == pytest.approx(point["load_measured_N"], rel=0.03)
-    assert told == []
+    assert (point["load_waveform_N"], told) == (pytest.approx(point["load_measured_N"], rel=0.03), [])
 
 
 def test_a_channel_without_the_output_is_told_and_the_point_is_kept(lab: str, palpate: Palpate) -> None:

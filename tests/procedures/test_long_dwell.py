@@ -99,8 +99,7 @@ def check_fitted(run: Run) -> None:
         assert volts.shape == (2, round(130 * RATE))
         fit = fit_sine(np.arange(1, volts.shape[1] + 1) / RATE, volts, FREQUENCY)
         found = [point["voltage_rigid_V"], point["voltage_total_V"]]
-        assert found == pytest.approx([2 * each for each in fit.unbiased], rel=1e-9)
-        assert point["dwell_s"] == 130.0
+        assert (found, point["dwell_s"]) == (pytest.approx([2 * each for each in fit.unbiased], rel=1e-9), 130.0)
 
 
 @pytest.mark.slow
@@ -117,8 +116,7 @@ def test_on_a_real_bench_a_dwell_that_ended_is_taken_anew_and_what_was_measured_
     check_fitted(run)
     assert kinds("cut").count(("WAVE", 2)) == 2 * (1 + PIECES)
     assert f"after point 1; {STORED}, and it is taken anew" in [event["message"] for event in run.events()]
-    assert check(run.folder).faults == []
-    assert outputs(sim) == OFF
+    assert (check(run.folder).faults, outputs(sim)) == ([], OFF)
 
 
 def test_samples_that_differ_from_those_that_are_stored_are_not_taken_for_them(
@@ -271,8 +269,7 @@ def test_the_films_of_a_long_dwell_do_what_films_in_memory_do(tmp_path: Path, mo
             assert fit.amplitude == pytest.approx(expected_fit.amplitude, rel=1e-12)
             assert fit.phase == pytest.approx(expected_fit.phase, rel=1e-9, abs=1e-12)
         told = [[getattr(each, name).tolist() for name in ("clips", "gaps", "silent")] for each in (stored, memory)]
-        assert told[0] == told[1]
-        assert told[0][:2] == [[False, True], [True, False]]
+        assert (told[0], told[0][:2]) == (told[1], [[False, True], [True, False]])
 
 
 def test_nodes_that_give_no_pieces_are_stored_in_pieces_too(
@@ -296,5 +293,4 @@ def test_nodes_that_give_no_pieces_are_stored_in_pieces_too(
     named, in_pieces = bench.named(node), recorded(tmp_path / "pieces")
     monkeypatch.setattr(bench, "all", lambda _role: [Whole()])
     monkeypatch.setattr(bench, "named", lambda _device: named)
-    assert recorded(tmp_path / "whole") == in_pieces
-    assert in_pieces[:2] == (70 * RATE, RATE)
+    assert (recorded(tmp_path / "whole"), in_pieces[:2]) == (in_pieces, (70 * RATE, RATE))

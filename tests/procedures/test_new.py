@@ -133,8 +133,7 @@ def test_the_command_writes_into_a_folder_of_its_own_and_over_nothing(palpate: P
     assert '"FORCE-GAUGE"' in Path("force_gauge/force_gauge.py").read_text(encoding="utf-8")
     for kind in NEW:
         refused = palpate("new", kind, "force_gauge")
-        assert refused.status == 2
-        assert refused.complaint == "force_gauge exists already; choose another name"
+        assert (refused.status, refused.complaint) == (2, "force_gauge exists already; choose another name")
     said = palpate("new", "effect", "cable_sag").out
     assert said.startswith("cable_sag/pyproject.toml\n")
     assert "\n  pytest cable_sag\n\nThen put in your physics" in said

@@ -376,5 +376,4 @@ def test_each_entry_of_a_long_list_has_a_line(capsys: pytest.CaptureFixture[str]
     """Indented, 1,000 answers with the films of four teeth took longer to write than to find."""
     Output(as_json=True, quiet=False).json({"points": [{"a": [1, 2]}, {"a": [math.inf]}] * MANY})
     said = capsys.readouterr().out.splitlines()
-    assert len(said) == 2 * MANY + 4
-    assert said[2:4] == ['    {"a": [1, 2]},', '    {"a": [null]},']
+    assert (len(said), said[2:4]) == (2 * MANY + 4, ['    {"a": [1, 2]},', '    {"a": [null]},'])

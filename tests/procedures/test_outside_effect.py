@@ -63,8 +63,7 @@ def scene_of(effects: str, folder: Path) -> Scene:
 @pytest.mark.usefixtures("wet_glue")
 def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -> None:
     scene = scene_of('[effects.wet_glue]\nloss = 0.2\ndried = "3 ms"\n[effects.adc]\n', tmp_path)
-    assert list(scene.effects) == ["adc", "wet_glue"]
-    assert scene.called["wet_glue"] == "called for, from acme 1.2"
+    assert (list(scene.effects), scene.called["wet_glue"]) == (["adc", "wet_glue"], "called for, from acme 1.2")
     assert scene.effects["wet_glue"].model_dump() == {"loss": 0.2, "dried": "0.003 s"}
     assert [each.name for each in plan(scene, QUESTION).included] == ["adc", "wet_glue"]
     automatic = scene_of('[effects.wet_glue]\nwhen = "auto"\n', tmp_path)
@@ -96,8 +95,7 @@ def test_a_plan_weighs_it_where_it_is_left_out_and_names_one_that_cannot_be(inst
     install("odd", "palpate.effects", {"odd": "odd_effects:Odd", "lost": "no_such:Lost"}, odd_effects="Odd = 3")
     found = plan(scene_of("", tmp_path), QUESTION)
     (left,) = [each for each in found.omitted if each.name == "wet_glue"]
-    assert left.force == pytest.approx(0.1)
-    assert left.ratio == pytest.approx(0.0, abs=1e-12)
+    assert (left.force, left.ratio) == (pytest.approx(0.1), pytest.approx(0.0, abs=1e-12))
     lost, odd = found.warnings[-2:]
     assert "effect 'lost' of odd 1.2 (no_such:Lost): cannot be loaded" in lost
     assert "effect 'odd' of odd 1.2 (odd_effects:Odd): is no Effect whose class is named after 'odd'" in odd
@@ -247,8 +245,7 @@ def test_a_scene_and_a_bench_name_it_and_a_record_says_whose_it_is(tmp_path: Pat
     scene = read_scene(str(path))
     assert scene.design.ring.outer_radius == 4.5e-3
     with SimulatedBench(scene) as sim:
-        assert sim.description.design == "wide"
-        assert added_by(sim.description, scene) == {"acme": "1.2"}
+        assert (sim.description.design, added_by(sim.description, scene)) == ("wide", {"acme": "1.2"})
         tables = sim.description.model_dump(mode="json", exclude_none=True)
     with pytest.raises(ConfigError, match=r"bench.toml: design: .*unknown design 'wine' \(did you mean 'wide'\?\)"):
         check({**tables, "design": "wine"}, BenchDescription, "bench.toml")

@@ -154,8 +154,7 @@ def test_the_public_names_and_their_parameters_stay() -> None:
     assert set(SIGNATURES) <= {*palpate.__all__, *extend.__all__}
     assert not set(palpate.__all__) & set(extend.__all__)
     found = {name: " ".join(inspect.signature(public(name)).parameters) for name in SIGNATURES}
-    assert found == SIGNATURES
-    assert {name: " ".join(sorted(members(public(name)))) for name in MEMBERS} == MEMBERS
+    assert (found, {name: " ".join(sorted(members(public(name)))) for name in MEMBERS}) == (SIGNATURES, MEMBERS)
     with pytest.raises(AttributeError, match="has no attribute 'open_bank'"):
         palpate.open_bank  # noqa: B018
 
@@ -175,8 +174,7 @@ def test_a_simulated_sweep_is_a_table_in_five_lines(tmp_path: Path, monkeypatch:
     assert "OpenBench(" not in repr(done)
     table = done.run.table()
     assert (list(table["load_N"]), table["simulated"].all()) == ([2.0, 3.0], True)
-    assert done.result.softness_order == ["1"]
-    assert done.plot() == done.folder / "plot.png"
+    assert (done.result.softness_order, done.plot()) == (["1"], done.folder / "plot.png")
     assert palpate.as_dataset(done.run).sizes["point"] == 2
 
 
@@ -288,8 +286,7 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(
             call()
     again, replayed = palpate.resume("cut", Relaxation), palpate.replay("log.pcapng", "again", Relaxation)
     assert {each.run.digest() for each in (again, replayed)} == {whole.run.digest()}
-    assert again.run.header["procedure_from"] == "relaxation.py"
-    assert again.result.summary() == whole.result.summary()
+    assert (again.run.header["procedure_from"], again.result.summary()) == ("relaxation.py", whole.result.summary())
 
 
 @pytest.mark.slow

@@ -194,7 +194,8 @@ def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: 
     ("asked", "scene", "after"),
     [
         (replace(PLACES, time=270.0), "thesis_common_base", 2),
-        (Characterisation((2.0, 3.0, 4.0), 0.2, drift_time=2.0, tolerance=0.07, time=160.0), "thesis_single", 8),
+        (Characterisation(loads=(2.0, 3.0, 4.0), dwell=0.2, drift_time=2.0, tolerance=0.07, time=160.0),
+         "thesis_single", 8),
         (ObjectModulus(get_sample("2"), 0.08, relative_to_model=True, mountings=3, mounting_scatter=0.0),
          "thesis_single", 12),
     ],

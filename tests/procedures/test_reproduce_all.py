@@ -178,8 +178,7 @@ def test_an_order_of_softness_is_right_as_the_thesis_has_it_or_by_its_means_and_
 
 def test_table_5_1_is_its_own_and_its_line_stands_beside_the_printed_sensitivity() -> None:
     table = chapter5.calibration_rows(weighed())
-    assert {r.difference for r in table.rows} == {0.0}
-    assert [row.within for row in table.rows] == 16 * [True]
+    assert ({r.difference for r in table.rows}, [row.within for row in table.rows]) == ({0.0}, 16 * [True])
     assert "10.306 mV/N by the line; the printed 0.1053 mV/N is mV per gram-force, 10.74 mV/N" in table.sentences[0]
 
 

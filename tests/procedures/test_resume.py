@@ -222,8 +222,7 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     assert points[3]["bench_ns"] > ended + 60e9  # the sample is mounted anew
     assert (asked, result["mounting"]) == (["1", "2", "2"], "confirmed")
     assert [p["force_ratio"] for p in result["points"]] == [p["force_ratio"] for p in points]
-    assert events("cut") == ["stopped", "continued", "changed"]
-    assert outputs(sim) == OFF
+    assert (events("cut"), outputs(sim)) == (["stopped", "continued", "changed"], OFF)
 
 
 @pytest.mark.slow
@@ -237,10 +236,8 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
     run = Run.open(Path("cut"))
     assert (run.status, run.points()[:4]) == ("complete", before)
     assert (result["sets"], result["mountings"], result["achieved_seconds"]) == (10, 2, None)
-    assert [point["mounting"] for point in run.points()] == 4 * [1] + 6 * [2]
-    assert asked == ["1", "1 anew"]
-    assert events("cut") == ["stopped", "continued", "enough"]
-    assert outputs(sim) == OFF
+    assert ([point["mounting"] for point in run.points()], asked) == (4 * [1] + 6 * [2], ["1", "1 anew"])
+    assert (events("cut"), outputs(sim)) == (["stopped", "continued", "enough"], OFF)
 
 
 @pytest.mark.slow

@@ -52,8 +52,7 @@ def ship(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Ship:
 def test_the_list_says_of_each_scene_what_is_found_when_the_scene_is_read_whole(palpate: Palpate) -> None:
     listed, spoken = palpate("scene", "list", "--json").object["scenes"], palpate("scene", "list").out
     assert listed == [palpate("scene", "check", name, "--json").object for name in shipped()]
-    assert [*map(set, listed)] == len(listed) * [HEAD]
-    assert [name for name in shipped() if name not in spoken] == []
+    assert ([*map(set, listed)], [name for name in shipped() if name not in spoken]) == (len(listed) * [HEAD], [])
 
 
 @pytest.mark.parametrize(
@@ -79,8 +78,7 @@ def test_a_scene_whose_effects_are_chosen_by_calculation_is_listed_with_those_th
 ) -> None:
     ship("design =", 'effects.current_limit = { when = "auto", limit = "100 A" }\ndesign =')
     (listed,) = palpate("scene", "list", "--json").object["scenes"]
-    assert listed == palpate("scene", "check", "ideal", "--json").object
-    assert listed["effects"] == []
+    assert (listed, listed["effects"]) == (palpate("scene", "check", "ideal", "--json").object, [])
 
 
 def test_a_shown_scene_names_every_parameter_with_its_unit_and_those_left_to_their_defaults(palpate: Palpate) -> None:
@@ -254,8 +252,7 @@ def test_the_settled_state_is_shown_with_force_and_ratio_of_each_film_where_it_i
     Path("played.toml").write_text(PLAYED)
     asked = ("scene", "explain", "played.toml", "--sample", "1", "--load", "2 N", "--steady")
     found = palpate(*asked, "--json").object
-    assert found["path"] == "describing function"
-    assert found["steady"]["force"] == pytest.approx(2.0, rel=1e-9)
+    assert (found["path"], found["steady"]["force"]) == ("describing function", pytest.approx(2.0, rel=1e-9))
     rigid, total = found["steady"]["films"]
     assert 0.316 < rigid["ratio"] < 0.35 and total["ratio"] is None
     spoken = palpate(*asked).out

@@ -449,8 +449,7 @@ def test_a_fault_begins_as_it_is_typed_and_ends_as_it_is_cleared(sim: SimulatedB
         assert look(bench) == expected
     assert answer(person, "faults").startswith(f"{on} {kind} ")
     assert answer(person, f"clear {on} {kind}").startswith(f"cleared: {on} {kind} ")
-    assert person.do("faults") == "no fault is given"
-    assert look(bench) == before
+    assert (person.do("faults"), look(bench)) == ("no fault is given", before)
 
 
 def test_every_fault_can_be_given_and_taken_away_by_hand(sim: SimulatedBench, bench: Bench) -> None:

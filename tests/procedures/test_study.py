@@ -125,8 +125,7 @@ def test_a_cell_that_is_stored_is_not_computed_again(whole: Results, tmp_path: P
     stand = f"{len(kept)} of 12 cells are kept in {folder}; give the command again to go on"
     assert interrupted.value.__notes__ == [stand]
     again = InTurn(of=12 - len(kept))
-    assert done(folder, again).digest() == whole.digest()
-    assert again.begun == list(range(len(kept), 12))
+    assert (done(folder, again).digest(), again.begun) == (whole.digest(), list(range(len(kept), 12)))
 
 
 def test_of_a_worker_that_is_lost_only_its_block_is(whole: Results, tmp_path: Path) -> None:
@@ -254,8 +253,7 @@ def test_the_dataset_of_draws_goes_by_cells(tmp_path: Path) -> None:
     asked = f'loads = "1 N, 2 N"\n{RANDOM.lstrip()}'
     results = done(tmp_path / "drawn", ThreadPoolExecutor(1), asked, modulus)
     found = results.dataset()
-    assert found.force_ratio.dims == ("cell", "load_N")
-    assert found.modulus.attrs == {"units": "kPa"}
+    assert (found.force_ratio.dims, found.modulus.attrs) == (("cell", "load_N"), {"units": "kPa"})
     assert found.force_ratio.isel(load_N=0).values.tolist() == found.modulus.values.tolist()
     assert "modulus_kPa" in results.table().columns
 
@@ -265,8 +263,7 @@ def test_the_dataset_of_draws_goes_by_cells(tmp_path: Path) -> None:
 
 def test_a_grid_has_every_combination_and_the_last_axis_goes_fastest() -> None:
     study = study_from(GRID.replace('sample = ["1", "2"]', 'sample = "1-4"'))
-    assert len(study) == 24
-    assert study.cell(0) == {"scene": "near", "seed": 1, "sample": "1"}
+    assert (len(study), study.cell(0)) == (24, {"scene": "near", "seed": 1, "sample": "1"})
     assert study.cell(7) == {"scene": "near", "seed": 2, "sample": "4"}
     assert study.cell(12) == {"scene": "far", "seed": 1, "sample": "1"}
     assert len({tuple(study.varied(i).items()) for i in range(24)}) == 24
@@ -552,8 +549,7 @@ def test_arrays_are_to_the_last_bit_what_single_cells_are(case: str) -> None:
     study, computation = asked(axes, loads, more)
     together = computation.block(study, range(len(study)))
     alone = one_by_one(computation, study, range(len(study)))
-    assert contents(together) == contents(alone)
-    assert set(together.alone) == {""}
+    assert (contents(together), set(together.alone)) == (contents(alone), {""})
 
 
 @pytest.mark.parametrize("pieces", [[1] * 9, [4, 5]])
@@ -578,8 +574,7 @@ def test_most_cells_are_sure_and_one_on_the_edge_of_a_step_is_computed_alone(mon
     # The margin is now a quarter of a step, so that a sample of every cell lies in it.
     monkeypatch.setattr(seeds, "ROUND_OFF", 2.0**-17)
     unsure = computation.block(study, range(6))
-    assert followed["x"] == 6
-    assert contents(unsure) == contents(sure)
+    assert (followed["x"], contents(unsure)) == (6, contents(sure))
 
 
 def test_an_effect_that_is_not_linear_in_what_a_seed_draws_is_named() -> None:
