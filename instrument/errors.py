@@ -102,7 +102,8 @@ class UnknownName(UsageError, LookupError):
     def __init__(self, kind: str, name: object, valid: Iterable[str], none: str = "there is none yet") -> None:
         names = sorted(valid)
         more = [f"and {len(names) - MOST_LISTED} more"] if len(names) > MOST_LISTED else []
-        listed = f"valid: {', '.join(names[:MOST_LISTED] + more)}" if names else none
+        shown = [quoted(each) if "," in each else each for each in names[:MOST_LISTED]]
+        listed = f"valid: {', '.join(shown + more)}" if names else none
         super().__init__(f"unknown {kind} {quoted(str(name))}{nearest(str(name), names)}; {listed}")
 
 

@@ -19,7 +19,6 @@ import numpy as np
 from palpate.drivers.logs.bus_log import Link, Packet, PcapngWriter, read_pcapng
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.config import Hashed
 from palpate.instrument.errors import ConfigError, PalpateError, RecordError, UsageError
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import AROUND, HEAD_FILE, RECORD
@@ -216,23 +215,19 @@ def _wrong(whole: dict[str, Any], number: int, data: Mapping[str, Any], waveform
 # --- calibrations ---------------------------------------------------------------------------------------
 
 
-def _calibration(folder: Path, whole: Hashed, read: Callable[[Path], Hashed]) -> Victim:
+def load_cell_file(folder: Path) -> Victim:
     folder.mkdir()
     name = "calibration.toml"
-    write_calibration(folder / name, whole)
+    write_calibration(folder / name, THESIS_LOAD_CELL)
 
     def judge(folder: Path, files: Files) -> list[str]:
         try:
-            found = read(folder / name)
+            found = read_calibration(folder / name)
         except ConfigError:
             return ["noticed"]
-        return ["nothing changed" if found == whole else "silent"]
+        return ["nothing changed" if found == THESIS_LOAD_CELL else "silent"]
 
     return Victim(_read(folder), [], judge)
-
-
-def load_cell_file(folder: Path) -> Victim:
-    return _calibration(folder, THESIS_LOAD_CELL, read_calibration)
 
 
 # --- studies and bus logs ---------------------------------------------------------------------------------

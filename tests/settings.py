@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from dataclasses import fields
+from dataclasses import fields, replace
 from typing import Any
 
 import numpy as np
+import pytest
 
 from palpate.instrument.models.parameters import RoundParameters, SensorParameters, SolidParameters
+from palpate.instrument.models.solid import ladders
+from palpate.instrument.models.solid.ladders import Resolution
 
 
 def round_sensors(count: int, seed: int) -> list[RoundParameters]:
@@ -70,3 +73,12 @@ def _sensor(rng: np.random.Generator) -> dict[str, Any]:
         "ring_outer_radius": tooth + gap + width,
         "sensor_height": between(1e-3, 1e-2),
     }
+
+
+# --- meshes that are smaller than a model's own ------------------------------------------------------
+
+
+def give_meshes(monkeypatch: pytest.MonkeyPatch, *resolutions: Resolution) -> None:
+    """Let every sensor of the solid model have these meshes in place of its own."""
+    for name in ("OF_FEW_TEETH", "OF_MANY_TEETH"):
+        monkeypatch.setattr(ladders, name, replace(getattr(ladders, name), resolutions=resolutions))

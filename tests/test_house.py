@@ -5,8 +5,10 @@ from __future__ import annotations
 import ast
 
 import pytest
+import pytest_timeout
 
 from tests import house
+from tests.conftest import SLOW
 
 
 def test_there_is_no_exemption_and_no_any_in_commands() -> None:
@@ -37,3 +39,13 @@ def test_a_name_with_an_underscore_is_reached_where_it_is_not_of_the_files_own()
     reaching = "from x import _c\nx._d = y._e\npatch.setattr(x, '_f', 1)\npatch.setattr('x.y._g', 1)\nx.__name__"
     assert house.reaches(ast.parse(own)) == set()
     assert house.reaches(ast.parse(reaching)) == {"_c", "_d", "_e", "_f", "x.y._g"}
+
+
+# --- no test can hang for ever -----------------------------------------------------------------------
+
+
+def test_each_test_has_a_time_out_and_a_slow_one_a_longer(request: pytest.FixtureRequest) -> None:
+    for item in request.session.items:
+        seconds = pytest_timeout._get_item_settings(item).timeout
+        least = SLOW if item.get_closest_marker("slow") else 60
+        assert seconds is not None and seconds >= least, item.nodeid

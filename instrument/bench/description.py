@@ -483,7 +483,7 @@ class BenchDescription(Config):
 
     file: ClassVar[str] = "bench"
 
-    name: str
+    name: str = Field(description='the name of the bench, as name = "corner bench"')
     design: str = "single"
     force_limit: Newtons = Field(default=10.0, gt=0)
     # force that its load cell, sensor and samples stand, where they stand more than `STOOD`; None: not known
@@ -497,8 +497,8 @@ class BenchDescription(Config):
     load_channel: LoadChannel | None = None
     scene: str | None = Field(default=None, min_length=1)  # identity of the scene that simulates it; palpate writes it
     simulated: bool = False  # whether it is simulated although no device on it says so, as twins of makers' devices
-    link: dict[str, dict[str, Any]]
-    device: dict[str, dict[str, Any]]
+    link: dict[str, dict[str, Any]] = Field(description="a section [link.NAME] for each connection")
+    device: dict[str, dict[str, Any]] = Field(description="a section [device.NAME] for each device")
     beside: dict[str, Beside] = Field(default_factory=dict)  # what is read beside each point
 
     @field_validator("design")

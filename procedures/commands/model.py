@@ -196,6 +196,22 @@ model.add_command(validation)
 model.add_command(surfaces)
 
 
+def takes_long(design: str, model: str) -> bool:
+    """Whether a model of a design is computed by the processor's own kernels."""
+    from palpate.instrument.sensor.design import MANY_TEETH
+    from palpate.instrument.sensor.designs import get_design
+
+    return model == "solid" and len(get_design(design).teeth) > MANY_TEETH
+
+
+def choose_kernels(context: click.Context, parameter: click.Parameter, value: str) -> str:
+    """Choose the kernels once design and model are read: before other options, whose units may load numpy."""
+    given = {**context.params, str(parameter.name): value}
+    if {"design", "name"} <= given.keys() and takes_long(given["design"], given["name"]):
+        own_kernels()
+    return value
+
+
 def question_options(command: Callable[..., None]) -> Callable[..., None]:
     """Add the options for sensor, model and parameters; the command gets them as one `question`."""
 
@@ -203,11 +219,6 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     def asked(
         design: str, name: str, parameters: str, interface: str | None, tolerance: float | None, **given: object
     ) -> None:
-        from palpate.instrument.sensor.design import MANY_TEETH
-        from palpate.instrument.sensor.designs import get_design
-
-        if takes_long := name == "solid" and len(get_design(design).teeth) > MANY_TEETH:
-            own_kernels()
         from palpate.instrument.models.response import RatioQuestion
 
         values = {setting: given.pop(setting) for setting in _SETTINGS}
@@ -215,7 +226,7 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
         if interface is not None:
             settings["interface"] = interface
         command(question=RatioQuestion(design, name, parameters, settings, tolerance), **given)
-        if takes_long and not given["as_json"] and not given["quiet"]:
+        if takes_long(design, name) and not given["as_json"] and not given["quiet"]:
             say(f"kernels        {arithmetic()['blas']}")
 
     described = [
@@ -224,11 +235,19 @@ def question_options(command: Callable[..., None]) -> Callable[..., None]:
     ]
     for each in reversed(
         (
-            option("--design", default="single", help="single, single_round, common_base, different_base or array."),
+            option(
+                "--design",
+                default="single",
+                is_eager=True,
+                callback=choose_kernels,
+                help="single, single_round, common_base, different_base or array.",
+            ),
             option(
                 "--model",
                 "name",
                 default="auto",
+                is_eager=True,
+                callback=choose_kernels,
                 shell_complete=texts.complete_model,
                 help=f"{', '.join(texts.MODELS)}; or auto: the fastest that meets the tolerance.",
             ),

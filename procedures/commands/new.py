@@ -18,7 +18,7 @@ Install it, and run its tests, which pass as they stand:
 DEVICE = "Then put in what the device's manual says, with a golden frame for each field: see docs/how-to/device.md."
 EFFECT = "Then put in your physics, and let a scene call for it: see docs/how-to/effect.md."
 PROCEDURE = "Then put in your measurement: see docs/how-to/procedure.md."
-DESIGN = "Then put in your sensor's dimensions, materials and films: see docs/how-to/scene.md."
+DESIGN = "Then put in your sensor's dimensions, materials and films: the comments in its file say what each is."
 BENCH = """
 Its tests pass as they stand, on its simulated bench:
 

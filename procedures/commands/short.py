@@ -18,7 +18,7 @@ def sweep() -> None:
 loads = conducting(
     "loads",
     "sweep-loads",
-    """Load each sample with each load set and measure the force ratio.
+    """Load each sample with each load and measure the force ratio.
 
     Prints for every point the load, indicator reading, film voltages, forces and the force ratio with its standard
     uncertainty, for each tooth if there are several; then the mean ratio and the softness order, with the thesis'

@@ -220,10 +220,10 @@ class FilmSeries(Procedure[PressStep, PressedPoint, FilmResult, Repeated | None]
         teeth = range(1, len(target.design.teeth) + 1)
         sets = list(zip(self.loads, set_names(self.loads), strict=True))
         steps = [
-            self._step(n, frequency, load, told, first=frequency == self.frequencies[0] and not number)
+            self._step(n, frequency, load, load_text, first=frequency == self.frequencies[0] and not number)
             for n in teeth
             for frequency in self.frequencies
-            for number, (load, told) in enumerate(sets)
+            for number, (load, load_text) in enumerate(sets)
         ]
         return Plan(self.name, steps, predicted(steps, self._expected(target.design, cell, self.loads)))
 

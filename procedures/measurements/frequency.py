@@ -365,7 +365,7 @@ def show_sweep(result: FrequencyResult, design: Design, outcome: Outcome) -> lis
                 f"{1e3 * c.gain_u:z.3f}",
             )  # fmt: skip
     r = result.resonance
-    said = (
+    below = (
         "resonance      none within the sweep"
         if r is None
         else f"resonance      {r.frequency_Hz:z.1f} Hz, u = {r.frequency_u:z.1f} Hz, damping ratio {r.damping:z.2f}"
@@ -374,7 +374,7 @@ def show_sweep(result: FrequencyResult, design: Design, outcome: Outcome) -> lis
     unseen = {"not seen": "the sweep does not reach low enough, or has too few valid points"}
     return [
         points, *legend(points), *([touch] if any(p.tactile for p in result.points) else []), corners,
-        *legend(corners, marks=unseen), said,
+        *legend(corners, marks=unseen), below,
     ]  # fmt: skip
 
 

@@ -169,8 +169,8 @@ class SweepResult:
         """Greatest relative standard uncertainty of what the tolerance is of, else of the means; None: one lacks."""
         of = {"point": [p.relative_u for p in self.points], "mean": [s.relative_u for s in self.samples]}
         found = of[self.tolerance_for or "mean"]
-        known = [u for u in found if u is not None]
-        return max(known) if known and len(known) == len(found) else None
+        us = [u for u in found if u is not None]
+        return max(us) if us and len(us) == len(found) else None
 
     @property
     def reached(self) -> float | None:
@@ -231,8 +231,8 @@ def evaluate(
                 ),
             )
         )
-    known = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
-    order = [sample for _, sample in sorted(known, reverse=True)]
+    measured = [(mean.force_ratio, mean.sample) for mean in means if mean.force_ratio is not None]
+    order = [sample for _, sample in sorted(measured, reverse=True)]
     halves = tuple(_half(point, design) for point in points if point.valid and point.force_ratio > 0)
     wanted = None if tolerance is None else "point" if repeats is None else "mean"
     return SweepResult(list(points), means, order, tuple(budgets), halves, tolerance, wanted)
@@ -304,7 +304,7 @@ LoadPlan = Plan[LoadStep, Repeats | None]
 
 @dataclass(frozen=True)
 class LoadSweep(Sweep[LoadStep, LoadPoint, SweepResult, Repeats | None]):
-    """Load each sample with each load set and measure the force ratio."""
+    """Load each sample with each load and measure the force ratio."""
 
     name = "sweep-loads"
     point = LoadPoint
@@ -520,7 +520,9 @@ def show_sweep(result: SweepResult, design: Design, outcome: Outcome) -> list[ob
     if evidence:
         columns["evidence"] = Column(head="evidence", cell=partial(_evidence, evidence))
     means = table_of(stamped(outcome["simulated"], "Mean force ratio"), result.samples, columns)
-    compared = f"   (thesis: {said})" if (said := _thesis_order(design, set(result.softness_order))) else ""
+    compared = (
+        f"   (thesis: {thesis_order})" if (thesis_order := _thesis_order(design, set(result.softness_order))) else ""
+    )
     repeated = sum(p.attempts - 1 for p in result.points)
     return [
         points,

@@ -493,12 +493,12 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
         ]
         seconds = _seconds(plans)
         worst, plan = max(plans.items(), key=lambda each: each[1].half)
-        told = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
+        sets_text = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
         longest = show(max(one.dwell for one in plans.values()), "s")
         lines_told = [
             wanted_of("each place", self._told, self.time)
             + ("" if self._told else ", shared alike among the positions"),
-            f"plan           load sets at each position (mm): {told}, of {longest} at most: "
+            f"plan           load sets at each position (mm): {sets_text}, of {longest} at most: "
             f"{duration(seconds)} (person {MOUNTING * (1 + len(plans)):g} s)",
             f"expected       ± {mm(plan.half)} at most, at {mm(worst)}",
             f"{binding(plan)} there",
@@ -675,18 +675,18 @@ def show_sweep(result: PositionResult, design: Design, outcome: Outcome) -> list
     """Shares beside model and thesis, then what the films alone say of place and size."""
     title = "A point load along the base (shares of the whole force)"
     points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(PositionPoint))
-    said = [
+    below = [
         f"model          solid, stored; error of a share {ERROR:g} at most, of its mesh alone",
         f"thesis         {DOUBT}",
     ]
     if result.rms_mm is not None and result.inside is not None:
-        said.append(
+        below.append(
             f"position       {result.rms_mm:z.2f} mm rms from the place set; {result.inside:.0%} in their 95 % interval"
         )
     if result.stopped:
-        said.append(f"stopped        {result.stopped}; {counted(len(result.points), 'load set')}, {taken(outcome)}")
+        below.append(f"stopped        {result.stopped}; {counted(len(result.points), 'load set')}, {taken(outcome)}")
     tables = [points, *([_places(result, outcome)] if result.places else [])]
-    return [*tables, *legend(points), *said]
+    return [*tables, *legend(points), *below]
 
 
 def _places(result: PositionResult, outcome: Outcome) -> RichTable:

@@ -162,9 +162,9 @@ def repeated(
 
 def wanted_of(of: str, tolerance: str, time: float | None = None) -> str:
     """The line of a plan with what is wanted: a tolerance, which is empty if there is none, or a bench time [s]."""
-    told = "" if time is None else show(time, "s")
-    within = told and f", within {told}"
-    return f"wanted         {f'{tolerance} of {of}{within}' if tolerance else f'{of} as good as {told} allow'}"
+    time_text = "" if time is None else show(time, "s")
+    within = time_text and f", within {time_text}"
+    return f"wanted         {f'{tolerance} of {of}{within}' if tolerance else f'{of} as good as {time_text} allow'}"
 
 
 def ended_by(each: str, tolerance: str, time: float | None, missed: str, where: str = "") -> str:

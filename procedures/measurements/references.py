@@ -274,10 +274,10 @@ def check_range(reference: Reference, curve: RatioCurve) -> float:
         RangeError: the curve does not reach to it, or is so flat there that the reference says nothing.
     """
     low, high = curve.moduli
-    told = f"reference {reference.name!r} of {show(reference.modulus, 'Pa')}"
+    head = f"reference {reference.name!r} of {show(reference.modulus, 'Pa')}"
     if not low <= reference.modulus <= high:
         raise RangeError(
-            f"{told} is outside the {show(low, 'Pa')} to {show(high, 'Pa')} that model {curve.model!r} knows, where a"
+            f"{head} is outside the {show(low, 'Pa')} to {show(high, 'Pa')} that model {curve.model!r} knows, where a"
             " ratio gives a bound alone; take a reference inside, or another model"
         )
     at = math.log(reference.modulus)
@@ -285,7 +285,7 @@ def check_range(reference: Reference, curve: RatioCurve) -> float:
     ratio = float(curve.line(at))
     if not ratio < MOST_SENSITIVE * slope:
         raise RangeError(
-            f"{told} lies where 1 % of the ratio of model {curve.model!r} is more than {MOST_SENSITIVE:g} % of the"
+            f"{head} lies where 1 % of the ratio of model {curve.model!r} is more than {MOST_SENSITIVE:g} % of the"
             " modulus, so that it tells nothing of the model; take a reference nearer to the stiffness of the sensor's"
             " ring, and test such objects by palpate test modulus"
         )
@@ -338,7 +338,7 @@ def evaluate(
                 check_range(each, curve),
             )
         )
-    known = validate(question.design, question.parameters, curve.model)
+    validation = validate(question.design, question.parameters, curve.model)
     about = {
         "design": question.design,
         "model": curve.model,
@@ -346,7 +346,7 @@ def evaluate(
         "films_degrees_of_freedom": design.film_freedom,
         **origin,
     }
-    found = fit_model(measured, known, about)
+    found = fit_model(measured, validation, about)
     line = found.line(same_films=True)
     return ReferencesResult(points, found, line, _accuracies(found, line), [*budgets, _budget(found)])
 
@@ -477,8 +477,8 @@ class ReferenceSeries(Procedure[TouchStep, SoftnessPoint, ReferencesResult]):
         """Relative uncertainty of a modulus by the calibration alone; None: the thesis tells no spread."""
         sensitivities = [check_range(each, curve) for each in self.references]
         moduli = [each.u / slope for each, slope in zip(self.references, sensitivities, strict=True)]
-        known = validate(design.name, self.parameters, curve.model)
-        ratio_u = expected_u(known, moduli, design.ratio_scatter / math.sqrt(len(self.loads)))
+        validation = validate(design.name, self.parameters, curve.model)
+        ratio_u = expected_u(validation, moduli, design.ratio_scatter / math.sqrt(len(self.loads)))
         return None if ratio_u is None else statistics.median(sensitivities) * ratio_u
 
     def begin(self, plan: Plan[TouchStep], lab: Lab, record: Recorder) -> Touching:

@@ -288,14 +288,14 @@ def budgets_of(each: Softness, mean: Budget, line: ValidationLine, cancelled: st
 
 def price_of(design: Design, model: str) -> str:
     """A sentence with the model's error for this design, from the price list."""
-    known = [
+    priced = [
         (max(bounds), price)
         for price in stored().prices
         if price.design == design.name and price.model == model and (bounds := price.bounds(slice(None)))
     ]
-    if not known:
+    if not priced:
         return f"model {model!r} has no price for design {design.name!r}: its own error is not known"
-    error, price = min(known, key=lambda each: each[0])
+    error, price = min(priced, key=lambda each: each[0])
     return f"model {model!r} ({price.refinement}): error of the ratio at most {error:.1e} by the price list"
 
 
@@ -389,14 +389,14 @@ class Ranking:
             f"binds          {binds}, {shares[binds]:.0%} of the variance of a set",
             *([f"doubtful       {told_pairs(left)}: may need more than {self.test.sets} sets"] if left else []),
         ]
-        told = {"risk": self.risk, "planned": {"sets": sets, "seconds": seconds, "shares": shares, "binds": binds}}
-        return Predicted(seconds, None, told, lines)
+        details = {"risk": self.risk, "planned": {"sets": sets, "seconds": seconds, "shares": shares, "binds": binds}}
+        return Predicted(seconds, None, details, lines)
 
     @cached_property
     def _ratios(self) -> dict[str, float]:
         """Expected ratio of each object that is one of the known samples; nothing is expected of others."""
-        known = [each for each in self.test.objects if SAMPLES.get(each.name) == each]
-        return {each.name: expected_ratio(self.design, each.name) for each in known}
+        samples = [each for each in self.test.objects if SAMPLES.get(each.name) == each]
+        return {each.name: expected_ratio(self.design, each.name) for each in samples}
 
     def _lines(self, scatter: float | None = None) -> list[BudgetLine]:
         """Lines of the ratio of one set; what all objects have in common, such as the films' calibration, is left out.
@@ -441,8 +441,8 @@ class Ranking:
             name = each.name
             number, freedom = self._least(name), PRIOR_FREEDOM + sum(sets.values()) - len(sets)
             for before, others in sets.items():
-                known = name in self._ratios and before in self._ratios
-                gap = self._gap((before, name)) if known else 0.0
+                both_known = name in self._ratios and before in self._ratios
+                gap = self._gap((before, name)) if both_known else 0.0
                 number = max(number, expected_sets(self.family, self._lines(), self.test.dwell, gap, others, freedom))
             sets[name] = number
         return sets
@@ -457,10 +457,10 @@ class Ranking:
         plan = what_it_takes(self.family, self._lines(), self.costs, self.test.dwell, self._gap(pair))
         shares = budget(self._lines(), 1, 1, self.test.dwell).rows()
         binds = max(shares, key=lambda row: row["share"])["name"]
-        told, asked = " and ".join(pair), f"--risk '{100 * self.risk:.3g} %'"
+        pair_text, asked = " and ".join(pair), f"--risk '{100 * self.risk:.3g} %'"
         lines = [
             f"{asked} cannot be expected of {counted(self.test.sets, 'set')} of each object: {binds} leaves a risk of "
-            f"{100 * least:.2g} % that {told} are in the wrong order",
+            f"{100 * least:.2g} % that {pair_text} are in the wrong order",
             f"best now  --risk '{100 * 1.01 * least:.2g} %'"
             if least < LARGEST_RISK
             else "best now  no risk worth naming",
@@ -530,8 +530,8 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
     def check(self, target: Target) -> None:
         names = [each.name for each in self.objects]
         if not names or len(set(names)) < len(names):
-            told = f"'{', '.join(names)}'"
-            raise RangeError(f"objects {told}: give at least one, and each only once")
+            listed = f"'{', '.join(names)}'"
+            raise RangeError(f"objects {listed}: give at least one, and each only once")
         if len({each.thickness for each in self.objects}) > 1:
             raise RangeError(
                 "the objects have different thicknesses, each of which needs its own ratio curve; measure them in "
@@ -594,9 +594,9 @@ class SoftnessTest(Procedure[TouchStep, SoftnessPoint, SoftnessResult, Ranking |
         values, us, freedom = zip(*((m.value, m.u, m.degrees_of_freedom) for m in means.values()), strict=True)
         rows = estimate(question, values, us, freedom, references_on(target, question))
         for name, row in zip(means, rows, strict=True):
-            for told in ("scale", "absolute"):
-                if row["modulus_Pa"] is not None and row[f"{told}_u"] is not None:
-                    found.append(Expected(f"modulus of {name}, {told}", row[f"{told}_u"]))
+            for kind in ("scale", "absolute"):
+                if row["modulus_Pa"] is not None and row[f"{kind}_u"] is not None:
+                    found.append(Expected(f"modulus of {name}, {kind}", row[f"{kind}_u"]))
         return found
 
     def _step(self, target: Target, name: str, load: float, load_text: str, first: bool) -> TouchStep:
@@ -745,20 +745,20 @@ def ranked_lines(ranked: Ranked) -> list[str]:
     asked = f"{100 * ranked.risk:.3g} %"
     sets = ", ".join(f"{name}: {number}" for name, number in ranked.sets.items())
     reached = None if ranked.achieved_risk is None else f"{100 * ranked.achieved_risk:.2g} %"
-    known = "the order is" if not ranked.not_told else "the other pairs are"
-    told = "no pair is known to that risk" if reached is None else f"{known} known to a risk of {reached}"
+    which = "the order is" if not ranked.not_told else "the other pairs are"
+    outcome = "no pair is known to that risk" if reached is None else f"{which} known to a risk of {reached}"
     lines = [
-        f"risk           {asked} of a wrong pair was asked for; {told}",
+        f"risk           {asked} of a wrong pair was asked for; {outcome}",
         f"sets           {sets}; from set to set the ratio scatters by {100 * ranked.scatter:.2g} %",
     ]
     for each in ranked.not_told:
-        told = " and ".join(each.objects)
+        outcome = " and ".join(each.objects)
         if each.sets is None or each.seconds is None or each.sets > MOST_SETS:
-            lines.append(f"not told       {told}: no {MOST_SETS} sets would tell them apart")
+            lines.append(f"not told       {outcome}: no {MOST_SETS} sets would tell them apart")
         else:
             names = ",".join(each.objects)
             lines.append(
-                f"not told       {told}: {counted(each.sets, 'set')} of each would, in {duration(each.seconds)}: the"
+                f"not told       {outcome}: {counted(each.sets, 'set')} of each would, in {duration(each.seconds)}: the"
                 f" same command for {names} with --sets {each.sets}"
             )
     return [
@@ -782,14 +782,14 @@ def plot_softness(result: SoftnessResult, simulated: bool, folder: Path) -> Path
         plot_over_loads(left, place, each.object, points)
     left.set(xlabel="load, peak to peak (N)", ylabel="force ratio (bars: standard uncertainty)")
     name_all(left, 6, title="object")
-    known = [each for each in result.objects if each.scale_low_Pa or each.scale_high_Pa]
-    for place, each in enumerate(known):
+    bounded = [each for each in result.objects if each.scale_low_Pa or each.scale_high_Pa]
+    for place, each in enumerate(bounded):
         if each.absolute_low_Pa or each.absolute_high_Pa:
             _bar(right, place, each.absolute_low_Pa, each.modulus_Pa, each.absolute_high_Pa, ABSOLUTE)
         _bar(right, place, each.scale_low_Pa, each.modulus_Pa, each.scale_high_Pa, SCALE)
-    told = "thick absolute, thin scale" if result.validation.u is not None else "scale; absolute not known"
-    right.set(xlabel=f"modulus (kPa; 95 %: {told}; arrows: bounds)", ylabel="object")
-    right.set(yticks=range(len(known)), yticklabels=[e.object for e in known])
+    drawn = "thick absolute, thin scale" if result.validation.u is not None else "scale; absolute not known"
+    right.set(xlabel=f"modulus (kPa; 95 %: {drawn}; arrows: bounds)", ylabel="object")
+    right.set(yticks=range(len(bounded)), yticklabels=[e.object for e in bounded])
     right.set_xscale("log")
     logarithmic(right, *right.get_xlim())
     return save(figure, folder)

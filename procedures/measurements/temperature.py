@@ -309,7 +309,7 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
     time, volts = measured.record.usable(clipped=True)
     amplitude = np.where(fit.amplitude > 0, fit.amplitude, np.nan)  # 0 for a film that clips all the time
     flags = (*measured.flags, *sorted(added.lost - set(measured.flags)))
-    known = gain_u(design)
+    gains_u = gain_u(design)
     lock_in, voltmeter = (estimator(time, volts, fit.frequency) / amplitude for estimator in (boxcar, rms))
     return gathered(
         TemperaturePoint, step, measured, forces,
@@ -321,7 +321,7 @@ def _point(design: Design, step: TemperatureStep, added: Added, measured: FilmPo
                 film=film.name,
                 force_N=2 * float(fit.amplitude[i]) / film.sensitivity,
                 offset_N=float(added.voltage[i]) / film.sensitivity,
-                offset_u=math.hypot(float(added.u[i]), known[i] * float(added.voltage[i])) / film.sensitivity,
+                offset_u=math.hypot(float(added.u[i]), gains_u[i] * float(added.voltage[i])) / film.sensitivity,
                 trend_N_per_s=float(fit.trend[i]) / film.sensitivity,
                 error_lock_in=float(lock_in[i]) - 1,
                 error_rms=float(voltmeter[i]) - 1,
@@ -347,14 +347,14 @@ def show_sweep(result: TemperatureResult, design: Design, outcome: Outcome) -> l
     """Each change with the force ratio and its errors, then the slopes."""
     title = "What a change of temperature adds (errors against the fit with a trend)"
     points = table_of(stamped(outcome["simulated"], title), result.points, columns_of(TemperaturePoint))
-    said = [
+    below = [
         f"offset {name:<16} " + ("-" if found is None else f"{found[0]:+z.4f} N/K, u = {found[1]:z.4f} N/K")
         for name, found in result.offsets.items()
     ]
     if result.ratio_per_K is not None:
         slope, u = (100 * value for value in result.ratio_per_K)
-        said.append(f"force ratio, with trend  {slope:+z.3f} %/K, u = {u:z.3f} %/K")
-    return [points, *legend(points), *said]
+        below.append(f"force ratio, with trend  {slope:+z.3f} %/K, u = {u:z.3f} %/K")
+    return [points, *legend(points), *below]
 
 
 def plot_sweep(result: TemperatureResult, design: Design, simulated: bool, folder: Path) -> Path:

@@ -192,8 +192,8 @@ def short(value: float | None) -> str:
 
 def uncertainty_line(of: str, half: float, u: float, foreseen: float | None) -> str:
     """A line with the greatest half-width of the 95 % interval of some results, and their greatest uncertainty."""
-    told = "" if foreseen is None else f" (predicted {percent(foreseen)} %)"
-    return f"uncertainty    {plus_minus(half)} of {of} at most; u {percent(u)} %{told}"
+    foreseen_text = "" if foreseen is None else f" (predicted {percent(foreseen)} %)"
+    return f"uncertainty    {plus_minus(half)} of {of} at most; u {percent(u)} %{foreseen_text}"
 
 
 def percent(value: float | None) -> str:

@@ -30,7 +30,7 @@ from palpate.simulators.planning.plan import Question
 from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.planning.weights import priced
 from tests.benchmarks.common import Row, at_least, at_most, between, none
-from tests.hard_cases import CASES
+from tests.test_hard_cases import CASES
 
 WORST = 0.02
 SCENES = ("thesis_single", "noisy_lab", "thesis_common_base", "thesis_different_base", "humid_body", "unknown_curve")
@@ -264,7 +264,7 @@ def stopped(truth: Truth, runs: int) -> Iterator[Row]:
 
 def hard_cases() -> Iterator[Row]:
     """Digits of the hard cases, each beside a reference that shares no solver with it, the hardest first."""
-    found = [(-math.log10(case.error()), case) for case in CASES.values()]
+    found = [(-math.log10(case.error()), case) for case in CASES]
     for digits, case in sorted(found, key=lambda each: each[0]):
         yield at_least(
             case.name,

@@ -51,7 +51,7 @@ from tests.benchmarks.common import (
     version_of,
 )
 from tests.conftest import open_ends
-from tests.stale import NONE, TOLD, tried
+from tests.drivers.test_stale import NONE, TOLD, tried
 
 # --- drivers -------------------------------------------------------------------------------------------
 
@@ -302,7 +302,9 @@ def stale(goal: int = 1_000_000, block: int = 10_000) -> Iterator[Row]:
     """
     for library in ("pymodbus", "pymodbus.logging", "canopen"):
         logging.getLogger(library).setLevel(logging.CRITICAL)  # of each reply that does not come
-    campaign = Campaign("stale", version_of("drivers/**/*.py", "tests/stale.py", "tests/drivers/virtual_line.py"))
+    campaign = Campaign(
+        "stale", version_of("drivers/**/*.py", "tests/drivers/test_stale.py", "tests/drivers/fake_links.py")
+    )
     done = campaign.go_on(tried(number, block) for number in range(len(campaign.found), -(-goal // block)))
     found = sum(map(Counter, done), Counter[str]())
     tries = sum(count for what, count in found.items() if what.endswith(": tries"))

@@ -2,12 +2,19 @@
 
 from __future__ import annotations
 
-import threading
 import tomllib
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
+from importlib import metadata
+from importlib.metadata import EntryPoint
+from pathlib import Path
 from typing import Any
 
+import pytest
+
 from palpate.extend import Bench, BenchDescription
+from palpate.instrument import additions as modules
+from palpate.instrument.bench import kinds
 from palpate.instrument.bench.links import LINKS
 from palpate.instrument.config import check
 from palpate.simulators.bench import SimulatedBench
@@ -26,13 +33,6 @@ def driving(sim: SimulatedBench) -> bool:
 def drive(bench: Bench, amplitude: float = 1.0) -> None:
     bench.drive()
     bench.device("signal_generator").sine(10.0, amplitude)
-
-
-def off_the_main_thread(use: Callable[[], None]) -> None:
-    """Carry something out in another thread, and wait for its end; what it raises fails the test."""
-    thread = threading.Thread(target=use)
-    thread.start()
-    thread.join()
 
 
 def is_closed(bench: Bench) -> bool:
@@ -71,3 +71,21 @@ def new_form(description: BenchDescription, prefix: str = "my_") -> dict[str, An
     }
     top = description.model_dump(mode="json", include={"name", "design", "force_limit", "watchdog", "pickup"})
     return {**top, "link": links, "device": devices}
+
+
+# --- packages in tests/examples, as if they were installed -------------------------------------------
+
+EXAMPLES = Path(__file__).parents[1] / "examples"
+
+
+@contextmanager
+def installed(*names: str) -> Iterator[list[EntryPoint]]:
+    """Inside, the devices of these examples are known: "oven" is acme-oven."""
+    entries = [EntryPoint(f"acme-{name}", f"acme_{name}:KIND", kinds.GROUP) for name in names]
+    with pytest.MonkeyPatch.context() as patch:
+        for name in names:
+            patch.syspath_prepend(str(EXAMPLES / name))
+        patch.setattr(metadata, "entry_points", lambda group: entries if group == kinds.GROUP else [])
+        modules.additions.cache_clear()
+        yield entries
+    modules.additions.cache_clear()

@@ -18,8 +18,7 @@ from palpate.instrument.bench.description import BenchDescription, compared, rea
 from palpate.instrument.errors import BenchError, ConfigError, LinkError
 from palpate.procedures.lab import operator as console
 from palpate.procedures.records.resumed import COMPARED, comparable, differences
-from tests.drivers.benches import new_form
-from tests.drivers.outside import installed
+from tests.drivers.benches import installed, new_form
 
 OLD = """
 name = "bench"

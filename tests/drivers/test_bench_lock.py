@@ -256,23 +256,16 @@ def test_locks_serve_all_users(tmp_path: Path) -> None:
 # --- who has it ----------------------------------------------------------------------------------------
 
 
-def held_by(folder: Path, says: str) -> str:
-    """What the second is told where each lock says so of its holder."""
-    with BenchLock(described(), folder):
-        for lock in locks(folder):
-            lock.write_text(says, errors="surrogateescape")
-        with pytest.raises(BenchInUse) as caught:
-            BenchLock(described(), folder).__enter__()
-    return str(caught.value)
-
-
-def test_a_lock_says_who_has_it_since_when_and_by_which_command(
+def test_a_lock_says_who_has_it_since_when_and_by_which_command_and_nothing_of_who_had_it_before(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr(sys, "argv", ["/usr/bin/palpate", "sweep", "two words"])
     monkeypatch.setattr(getpass, "getuser", lambda: "ada")
     with BenchLock(described(), tmp_path):
-        said = json.loads(locks(tmp_path)[0].read_text())
+        place = locks(tmp_path)[0]
+    place.write_text("x" * 5000)  # of who had it before
+    with BenchLock(described(), tmp_path):
+        said = json.loads(place.read_text())
     assert {name: said[name] for name in ("pid", "user", "command")} == {
         "pid": os.getpid(),
         "user": "ada",
@@ -282,16 +275,8 @@ def test_a_lock_says_who_has_it_since_when_and_by_which_command(
     assert abs(datetime.now(UTC) - since) < timedelta(minutes=5)
 
 
-def test_a_lock_says_nothing_of_who_had_it_before(tmp_path: Path) -> None:
-    with BenchLock(described(), tmp_path):
-        place = locks(tmp_path)[0]
-    place.write_text("x" * 5000)
-    with BenchLock(described(), tmp_path):
-        assert json.loads(place.read_text())["pid"] == os.getpid()
-
-
 @pytest.mark.parametrize("failure", [KeyError("uid"), OSError("no user")])
-def test_a_user_without_a_name_is_called_by_its_number(
+def test_a_user_without_a_name_is_called_by_its_number_and_a_long_command_is_told_in_part(
     failure: Exception, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Users of a container often have none."""
@@ -300,14 +285,11 @@ def test_a_user_without_a_name_is_called_by_its_number(
         raise failure
 
     monkeypatch.setattr(getpass, "getuser", nameless)
+    monkeypatch.setattr(sys, "argv", ["palpate", "x" * 10_000])
     with BenchLock(described(), tmp_path):
         assert json.loads(locks(tmp_path)[0].read_text())["user"] == str(os.getuid())
-
-
-def test_a_long_command_is_told_in_part_and_can_still_be_read(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(sys, "argv", ["palpate", "x" * 10_000])
-    with BenchLock(described(), tmp_path), pytest.raises(BenchInUse, match=r"\(palpate x{292}\) since"):
-        BenchLock(described(), tmp_path).__enter__()
+        with pytest.raises(BenchInUse, match=r"\(palpate x{292}\) since"):
+            BenchLock(described(), tmp_path).__enter__()
 
 
 @pytest.mark.parametrize(
@@ -324,7 +306,11 @@ def test_a_long_command_is_told_in_part_and_can_still_be_read(tmp_path: Path, mo
     ],
 )
 def test_a_lock_that_does_not_say_who_has_it_still_holds(says: str, tmp_path: Path) -> None:
-    assert "is held by another program; wait for it or end it" in held_by(tmp_path, says)
+    with BenchLock(described(), tmp_path):
+        for lock in locks(tmp_path):
+            lock.write_text(says, errors="surrogateescape")
+        with pytest.raises(BenchInUse, match="is held by another program; wait for it or end it"):
+            BenchLock(described(), tmp_path).__enter__()
 
 
 def test_a_lock_of_another_user_that_cannot_be_removed_is_given_back(

@@ -97,17 +97,13 @@ def replayed(sim: SimulatedBench, log: Path, use: Callable[[Bench], Any] = used)
         return use(bench)
 
 
-def test_the_drivers_hear_what_they_heard_over_tcp_the_line_and_can(sim: SimulatedBench, log: Path) -> None:
-    heard = logged(sim, log)
-    sim.generator.write({"frequency": 99.0})  # of the bench itself nothing is asked
-    assert replayed(sim, log) == heard
-
-
-def test_over_multicast_too_each_frame_that_was_sent_stands_once_where_it_was_sent(
-    nothing_left_behind: None, scene: Scene, log: Path
+@pytest.mark.parametrize("addresses", [BenchAddresses(), BenchAddresses(interface=MULTICAST)])
+def test_the_drivers_hear_what_they_heard_over_tcp_the_line_and_can_also_where_can_goes_by_multicast(
+    addresses: BenchAddresses, nothing_left_behind: None, scene: Scene, log: Path
 ) -> None:
-    with SimulatedBench(scene, BenchAddresses(interface=MULTICAST)) as sim:
+    with SimulatedBench(scene, addresses) as sim:
         heard = logged(sim, log)
+        sim.generator.write({"frequency": 99.0})  # of the bench itself nothing is asked
         assert replayed(sim, log) == heard
 
 
@@ -224,13 +220,11 @@ STARTED = datetime(2026, 1, 2, 3, 4, 5, tzinfo=UTC)
         ("t.ASC", ["t.pcapng", "t.ASC"]),
     ],
 )
-def test_a_log_has_one_file_for_everything_and_one_for_can_where_its_name_says_so(name: str, files: list[str]) -> None:
+def test_a_log_has_a_file_for_everything_and_one_for_can_where_its_name_says_so_and_devices_by_name_and_kind(
+    name: str, files: list[str]
+) -> None:
     assert log_files(Path(name)) == [Path(file) for file in files]
-
-
-@pytest.mark.parametrize(("who", "kind"), [("oven", "oven"), ("left (oven)", "oven"), ("a (b) (oven)", "b) (oven")])
-def test_a_device_is_called_by_its_name_and_its_kind(who: str, kind: str) -> None:
-    assert kind_called(who) == kind
+    assert [kind_called(who) for who in ("oven", "left (oven)", "a (b) (oven)")] == ["oven", "oven", "b) (oven"]
 
 
 # --- CAN frames as bytes -------------------------------------------------------------------------------

@@ -88,27 +88,23 @@ def test_each_table_is_read_and_written_with_its_function() -> None:
 
 
 @pytest.mark.parametrize(
-    ("values", "change"),
+    ("values", "change", "said"),
     [
-        ({"output": "on"}, {"bits": [False]}),
-        ({"output": "on"}, {"address": 9}),
-        ({"level": 3}, {"registers": [4]}),
-        ({"level": 3}, {"function_code": 16}),
+        ({"output": "on"}, {"bits": [False]}, "did not confirm output = "),
+        ({"output": "on"}, {"address": 9}, "did not confirm output = "),
+        ({"level": 3}, {"registers": [4]}, "did not confirm level = "),
+        ({"level": 3}, {"function_code": 16}, "did not confirm level = "),
+        *(
+            ({}, {"bits": [True] * bits}, f"answered function 1 with {bits} bits where function 1 with 8")
+            for bits in (1, 16, 0)
+        ),
     ],
 )
-def test_a_confirmation_of_something_else_is_none(values: dict[str, Any], change: dict[str, Any]) -> None:
+def test_an_answer_to_something_else_is_none(values: dict[str, Any], change: dict[str, Any], said: str) -> None:
     device, link, _ = made()
     link.replied = changing(change)
-    with pytest.raises(DeviceError, match=f"did not confirm {next(iter(values))} = "):
-        device.set(**values)
-
-
-@pytest.mark.parametrize("bits", [[True], [True] * 16, []])
-def test_a_reply_with_another_number_of_bits_is_not_used(bits: list[bool]) -> None:
-    device, link, _ = made()
-    link.replied = changing({"bits": bits})
-    with pytest.raises(DeviceError, match=f"answered function 1 with {len(bits)} bits where function 1 with 8"):
-        device.get("output")
+    with pytest.raises(DeviceError, match=said):
+        device.set(**values) if values else device.get("output")
 
 
 @pytest.mark.parametrize(
@@ -149,23 +145,15 @@ def test_a_weight_is_read_with_its_sign_and_its_decimals_in_one_request(status: 
     assert device.held("gross") == value
 
 
-def test_a_scale_that_changes_while_running_is_an_error_by_name() -> None:
-    device, link, _ = made(gross=12.34)
-    device.identify()
-    link.put(decimals=3)
-    for ask in (lambda: device.get("gross"), device.differences, device.identify):
-        with pytest.raises(DeviceError, match=r"decimals is 3, was 2 before, so the scale of its readings has changed"):
-            ask()
-
-
 def test_a_scale_that_stands_too_far_away_is_read_once_and_watched() -> None:
     far = tuple(replace(f, address=300) if f.name == "decimals" else f for f in FIELDS)
     device, link, _ = made(replace(THING, fields=far), gross=12.34)
     assert [device.get("gross") for _ in range(3)] == [12.34] * 3
     assert [asked[1:3] for asked in link.asked] == [(300, 1), (6, 3), (6, 3), (6, 3)]
     link.put(decimals=1)
-    with pytest.raises(DeviceError, match="decimals is 1, was 2 before"):
-        device.differences()
+    for ask in (device.differences, device.identify):
+        with pytest.raises(DeviceError, match="decimals is 1, was 2 before, so the scale of its readings has changed"):
+            ask()
 
 
 def test_a_command_or_a_scale_that_the_map_does_not_know_is_an_error_by_name() -> None:
@@ -354,7 +342,7 @@ def test_one_driver_serves_both_buses() -> None:
     assert type(switch).__name__ == type(other).__name__ == "Switch"
 
 
-def test_a_node_is_known_by_marks_and_read_in_its_scale() -> None:
+def test_a_node_is_known_by_marks_or_the_parts_of_its_identity_that_the_contract_has_and_read_in_its_scale() -> None:
     driver, link, _ = node()
     link.held[0x8130, 1] = bytes.fromhex("80 C7 FE")
     driver.connect()
@@ -362,9 +350,6 @@ def test_a_node_is_known_by_marks_and_read_in_its_scale() -> None:
     link.put(name="SX")
     with pytest.raises(IdentityError, match="name reads 'SX', should begin with 'DSRT'"):
         driver.identify()
-
-
-def test_a_node_is_known_by_the_parts_of_its_identity_that_the_contract_has() -> None:
     driver, link, _ = node(replace(NODE, known_by="identity", marks=()))
     driver.connect()
     link.held[0x1018, 1] = (0x60).to_bytes(4, "little")
@@ -372,22 +357,17 @@ def test_a_node_is_known_by_the_parts_of_its_identity_that_the_contract_has() ->
         driver.identify()
 
 
-def test_a_node_s_memory_wears_as_well() -> None:
-    driver, _, _ = node()
-    driver.connect()
-    for number in range(MOST):
-        driver.give(burn=number + 1)
-    with pytest.raises(DeviceError, match="burn was written"):
-        driver.give(burn=99)
-
-
-def test_no_object_is_written_if_one_of_the_values_is_beyond_its_limits() -> None:
+def test_a_node_s_memory_wears_as_well_and_nothing_is_written_if_one_of_the_values_is_beyond_its_limits() -> None:
     driver, link, _ = node()
     driver.connect()
     link.done.clear()
     with pytest.raises(RangeError):
         driver.give(mode=1, burn=256)
     assert link.done == []
+    for number in range(MOST):
+        driver.give(burn=number + 1)
+    with pytest.raises(DeviceError, match="burn was written"):
+        driver.give(burn=99)
 
 
 # --- process data of a node ----------------------------------------------------------------------------
@@ -460,16 +440,20 @@ def test_a_node_that_does_not_take_a_mapping_is_told_with_its_object() -> None:
 
 
 @pytest.mark.parametrize(
-    ("pdo", "message"),
+    ("change", "message"),
     [
-        (replace(SENDS, index=0x1401), "PDO force: index = 5121 is outside 0x1800 to 0x19FF"),
-        (replace(SENDS, transmission=256), "PDO force: transmission = 256 is outside 0 to 255"),
-        (replace(SENDS, inhibit=7.0), "PDO force: inhibit = 7 is outside 0 to 6.5535"),
+        (
+            {"known_by": "identity", "marks": (), "identity": Identity("Baumer", "", "")},
+            "known by vendor, product and revision ['Baumer']; a node tells numbers",
+        ),
+        ({"pdos": (replace(SENDS, index=0x1401),)}, "PDO force: index = 5121 is outside 0x1800 to 0x19FF"),
+        ({"pdos": (replace(SENDS, transmission=256),)}, "PDO force: transmission = 256 is outside 0 to 255"),
+        ({"pdos": (replace(SENDS, inhibit=7.0),)}, "PDO force: inhibit = 7 is outside 0 to 6.5535"),
     ],
 )
-def test_process_data_that_no_node_has_are_refused(pdo: Pdo, message: str) -> None:
+def test_an_identity_or_process_data_that_no_node_has_are_refused(change: dict[str, Any], message: str) -> None:
     with pytest.raises(ConfigError, match=re.escape(message)):
-        replace(NODE, pdos=(pdo,))
+        replace(NODE, **change)
 
 
 def test_a_contract_whose_process_data_are_not_set_up_has_the_digest_that_it_had() -> None:
@@ -480,11 +464,6 @@ def test_a_contract_whose_process_data_are_not_set_up_has_the_digest_that_it_had
     plain = canopen_contract(*fields, pdos=(Pdo("force", 0x280, ("force",)),))
     assert plain.digest() == "2b57e1e9f52cfaf8341e03021ae933bbc5305ec4b44e49061fca6b57b1e28981"
     assert replace(plain, pdos=(replace(SENDS, fields=("force",)),)).digest() != plain.digest()
-
-
-def test_a_node_known_by_its_identity_has_numbers_in_it() -> None:
-    with pytest.raises(ConfigError, match=r"known by vendor, product and revision \['Baumer'\]; a node tells numbers"):
-        replace(NODE, known_by="identity", marks=(), identity=Identity("Baumer", "", ""))
 
 
 # --- over TCP and a serial line ------------------------------------------------------------------------

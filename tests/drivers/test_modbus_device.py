@@ -200,6 +200,21 @@ def test_a_device_that_is_broken_is_neither_asked_nor_told() -> None:
     assert (link.asked, noticed) == ([], [])
 
 
+def test_a_device_that_breaks_while_it_is_being_asked_is_not_asked_again() -> None:
+    driver, link, _ = attended()
+
+    def breaks(_reply: Any) -> Any:
+        driver.broken = "oven: smokes"
+        raise LinkTimeout("silent")
+
+    link.replied = breaks
+    for use in (lambda: driver.get("warmth"), lambda: driver.set(heater="on")):
+        driver.broken = ""
+        with pytest.raises(LinkTimeout, match="silent"):
+            use()
+    assert len(link.asked) == 2
+
+
 def test_after_what_was_asked_or_told_the_watchdog_is_thought_of_and_not_after_a_failure() -> None:
     driver, link = oven()
     thought = list[int]()
@@ -227,7 +242,7 @@ def test_each_setting_that_differs_is_told_with_both_values_and_no_other() -> No
     assert driver.differences() == []
 
 
-def test_what_differs_is_written_again_one_by_one_and_looked_at() -> None:
+def test_what_differs_is_written_again_one_by_one_and_looked_at_and_told_where_the_device_does_not_take_it() -> None:
     driver, link = oven()
     driver.set(setpoint=30.0, heater="on")
     link.asked.clear()
@@ -235,11 +250,6 @@ def test_what_differs_is_written_again_one_by_one_and_looked_at() -> None:
     driver.restore()
     assert link.writes() == [(0x12, [1])]
     assert [asked[0] for asked in link.asked] == ["read_registers", "write_registers", "read_registers"]
-
-
-def test_a_device_that_does_not_take_its_settings_again_is_told_with_all_of_them() -> None:
-    driver, link = oven()
-    driver.set(setpoint=30.0, heater="on")
     link.put(setpoint=0.0, heater="off")
     link.written = lambda: link.put(setpoint=0.0, heater="off")
     with pytest.raises(
@@ -265,11 +275,6 @@ OVEN = modbus_contract(
 
 def asked(thing: Contract, *names: str) -> list[tuple[int, int, int, tuple[str, ...]]]:
     return [(each.function, each.start, each.count, each.names) for each in reading(thing, names).requests]
-
-
-def test_fields_that_are_read_together_lie_in_the_bytes_where_their_registers_are() -> None:
-    (request,) = reading(OVEN, ("heat", "setpoint")).requests
-    assert (request.start, request.count, request.places) == (0x10, 8, [slice(14, 16), slice(0, 4)])
 
 
 @pytest.mark.parametrize(
@@ -309,7 +314,9 @@ def test_tables_are_read_apart_each_with_its_function() -> None:
     ]  # fmt: skip
 
 
-def test_a_read_is_divided_where_a_reply_ends_or_registers_are_missing() -> None:
+def test_fields_are_read_together_but_where_a_reply_ends_or_registers_are_missing() -> None:
+    (request,) = reading(OVEN, ("heat", "setpoint")).requests
+    assert (request.start, request.count, request.places) == (0x10, 8, [slice(14, 16), slice(0, 4)])
     a, b, c = (Field(name, at, "uint32", name) for name, at in (("a", 0), ("b", 2), ("c", 6)))
     assert asked(modbus_contract(a, b, c), "c", "a", "b") == [(3, 0, 4, ("a", "b")), (3, 6, 2, ("c",))]
     order = Field("order", 4, "uint32", "order", access="wo")

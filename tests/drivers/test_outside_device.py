@@ -30,8 +30,8 @@ from palpate.procedures.logs import read_log
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults.fault import parse_faults, places
 from palpate.simulators.wire.device import DEVICE_FAILURE, Refused, SimulatedPlace
-from tests.drivers.outside import installed
-from tests.drivers.test_bench_ends import Failure
+from tests.drivers.benches import installed
+from tests.drivers.test_bench import Failure
 
 pytestmark = pytest.mark.usefixtures("foreground")
 

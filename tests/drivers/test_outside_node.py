@@ -18,7 +18,7 @@ from palpate.instrument.contracts.own import SIGNAL_GENERATOR as GENERATOR
 from palpate.instrument.errors import ConfigError, DeviceError, RangeError, UnknownName, UsageError
 from palpate.procedures.testing.wire import frames
 from palpate.simulators.bench import SimulatedBench
-from tests.drivers.outside import installed
+from tests.drivers.benches import installed
 
 EMERGENCY, COMMAND = 0x80, 0x200
 

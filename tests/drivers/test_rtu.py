@@ -23,7 +23,7 @@ from palpate.instrument.contracts.field import PROBE
 from palpate.instrument.errors import LinkTimeout
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from tests.drivers.virtual_line import BITS, VirtualLine, checked
+from tests.drivers.fake_links import CHARACTER, VirtualLine, checked
 
 UNIT = 2
 LIMITS = 0x14
@@ -109,7 +109,7 @@ def test_what_an_adapter_adds_to_a_reply_is_passed_over(added: str) -> None:
 
 
 def test_where_nothing_but_what_is_too_soon_comes_the_message_says_so_and_what_to_do() -> None:
-    driver, _ = line(lambda _: [(-SILENCE * BITS / 9600, registers(LIMITS, 4))], baudrate=9600)
+    driver, _ = line(lambda _: [(-SILENCE * CHARACTER / 9600, registers(LIMITS, 4))], baudrate=9600)
     with pytest.raises(LinkTimeout, match=r"13 bytes came sooner than 9600 bit/s.* give the line its true baudrate"):
         read(driver)
 
@@ -121,11 +121,11 @@ def test_a_device_that_keeps_no_silence_is_understood_byte_by_byte_or_all_at_onc
     for pieces in (1, 13):
 
         def device(request: bytes, pieces: int = pieces) -> list[tuple[float, bytes]]:
-            reply, character = answered(request), 0.98 * BITS / baudrate
+            reply, character = answered(request), 0.98 * CHARACTER / baudrate
             step = -(-len(reply) // pieces)
             sent = len(request) + SILENCE
             return [
-                ((len(request) + at + step) * character - sent * BITS / baudrate, reply[at : at + step])
+                ((len(request) + at + step) * character - sent * CHARACTER / baudrate, reply[at : at + step])
                 for at in range(0, len(reply), step)
             ]
 

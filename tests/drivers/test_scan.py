@@ -30,8 +30,8 @@ from palpate.instrument.bench.links import SerialLine
 from palpate.instrument.contracts.declaration import Identity, Manners, Mark
 from palpate.instrument.errors import UsageError
 from palpate.simulators.clock import VirtualClock
+from tests.drivers.fake_links import VirtualLine, checked
 from tests.drivers.test_foreign import NODE, ForeignNode
-from tests.drivers.virtual_line import VirtualLine, checked
 
 PORT = "virtual line"
 

@@ -18,7 +18,7 @@ from palpate.drivers.links.modbus import ModbusLink, RtuClient
 from palpate.instrument.contracts import CONTRACTS
 from palpate.instrument.contracts.contract import Contract
 from palpate.instrument.contracts.field import Field
-from tests.drivers.virtual_line import checked
+from tests.drivers.fake_links import checked
 from tests.fuzz.target import Target, require, same_number
 
 UNIT = 5

@@ -19,7 +19,7 @@ from palpate.instrument.signals.dwell import (
     whole_steps,
 )
 from palpate.instrument.signals.estimate import SineFit, fit_sine
-from tests.ratios import amplitude_ratio
+from tests.chance import amplitude_ratio
 
 FREQUENCY, RATE = 10.0, 250.0
 AMPLITUDES = np.array([0.3, 1.0])

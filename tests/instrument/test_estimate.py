@@ -24,7 +24,7 @@ from palpate.instrument.signals.estimate import (
     fit_sine,
     ratio_bound,
 )
-from tests.ratios import amplitude_ratio
+from tests.chance import amplitude_ratio
 from tests.shares import first_of
 
 FREQUENCY = 10.0

@@ -42,10 +42,9 @@ from palpate.instrument.models.table import FilmLoad
 from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.material import PVDF
 from palpate.instrument.thesis import read_table
-from tests import meshes
 from tests.instrument.coupled import coupled
 from tests.instrument.direct import direct
-from tests.settings import disc
+from tests.settings import disc, give_meshes
 from tests.shares import first_of
 
 SMALLEST = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
@@ -61,7 +60,7 @@ def coarse_ratio(compliant_poisson: float) -> float:
 @pytest.fixture
 def one_layer(monkeypatch: pytest.MonkeyPatch) -> None:
     """The smallest mesh, for what holds exactly on any."""
-    meshes.give(monkeypatch, *[SMALLEST] * 3)
+    give_meshes(monkeypatch, *[SMALLEST] * 3)
 
 
 def unit_cell(sectors: int = 1, degree: int = 2) -> tuple[PlanMesh, PlanElements]:

@@ -31,6 +31,9 @@ KILLED, SURVIVED, ENDLESS = "killed", "survived", "timed out"
 def import_libraries() -> None:
     """What takes long and is not to be mutated."""
     os.environ["OMP_NUM_THREADS"] = "1"  # a process of one thread may be forked
+    importlib.import_module("palpate")  # asks for its kernels before numpy is loaded
+    for name in [each for each in sys.modules if each.partition(".")[0] == "palpate"]:
+        del sys.modules[name]  # a child imports it anew, with a mistake
     for name in LIBRARIES:
         importlib.import_module(name)
     gc.freeze()  # a child need not look through all of that
@@ -77,10 +80,10 @@ def _survives(file: Path, code: Callable[[], CodeType], tests: Sequence[str]) ->
     import pytest
 
     silence()
-    original = SourceFileLoader.get_code
+    original, place = SourceFileLoader.get_code, file.resolve()  # before a test goes into another folder
 
     def get_code(self: SourceFileLoader, name: str) -> CodeType | None:
-        return code() if Path(self.path).resolve() == file.resolve() else original(self, name)
+        return code() if Path(self.path).resolve() == place else original(self, name)
 
     SourceFileLoader.get_code = get_code  # type: ignore[method-assign]
     return int(pytest.main([*PYTEST, *tests]))

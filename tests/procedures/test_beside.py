@@ -12,7 +12,7 @@ from matplotlib.figure import Figure
 
 import palpate
 from palpate.extend import Scene, read_scene
-from tests.drivers.outside import installed
+from tests.drivers.benches import installed
 from tests.procedures.conftest import Palpate
 
 SCENE = """

@@ -30,7 +30,7 @@ from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellC
 from palpate.instrument.models.response import RatioQuestion
 from palpate.procedures.lab.calibrations import mountings_of, path_of, probable_references
 from palpate.simulators.bench import SimulatedBench
-from tests.calibration_kills import COMMANDS, ERRORS, FAULTS, in_process, served
+from tests.kills import CALIBRATION_FAULTS, COMMANDS, ERRORS, in_process, served
 from tests.procedures.conftest import Palpate, scene_of
 from tests.runs import rehash
 from tests.shares import first_of
@@ -157,7 +157,7 @@ def test_no_kill_and_no_failed_write_loses_a_calibration_or_leaves_it_unused_uns
         blows += [(last["ENOSPC"] - 3 * n, code) for n, code in enumerate(ERRORS)]
         for number, how in blows:
             found = played.play(number, how, chance)
-            assert not sum(found[what] for what in FAULTS), (number, how, found)
+            assert not sum(found[what] for what in CALIBRATION_FAULTS), (number, how, found)
 
 
 # --- edited by hand ------------------------------------------------------------------------------------

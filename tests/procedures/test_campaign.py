@@ -16,8 +16,8 @@ import pytest
 import palpate
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.records.record import Recorder, locked
-from tests.campaigns import NIGHTLY
 from tests.procedures.conftest import Palpate, interrupt_at, said_once
+from tests.runs import NIGHTLY
 from tests.shares import first_of
 
 STEPS = ("cell", "films", "sweep")

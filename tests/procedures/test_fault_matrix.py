@@ -9,8 +9,7 @@ import pytest
 from palpate.simulators.faults import FAULTS, fault_class
 from palpate.simulators.faults.can import CanFault
 from palpate.simulators.faults.modbus import RtuFault, TcpFault
-from tests.fault_matrix import ONCE, STAYS, Cell, Scenes, cells, play
-from tests.fault_procedures import PROCEDURES, real_bench, scene
+from tests.fault_matrix import ONCE, PROCEDURES, STAYS, Cell, Scenes, cells, play, real_bench, scene
 from tests.procedures.test_makers_devices import MORE, PLAIN
 
 pytestmark = pytest.mark.slow

@@ -18,10 +18,9 @@ import pytest
 
 import palpate
 from palpate.testing import InStep, steps
-from tests.campaigns import NIGHTLY
 from tests.procedures.conftest import Palpate, interrupt_at
 from tests.procedures.live import Served, ids, served, told, until, with_a_run
-from tests.runs import flip, made
+from tests.runs import NIGHTLY, flip, made
 
 LONG = ("sweep", "loads", "--loads", ", ".join(f"{1.5 + 0.002 * n:g} N" for n in range(1000)), "--dwell", "0.2 s")
 SHORTER = ("sweep", "loads", "--samples", "1", "--loads", ", ".join(f"{1.5 + 0.04 * n:g} N" for n in range(60)))

@@ -17,10 +17,9 @@ from selenium.webdriver.support.ui import WebDriverWait
 
 import palpate
 from tests.benchmarks.live import OPTIONS
-from tests.campaigns import NIGHTLY
 from tests.procedures.live import Served, served, with_a_run
 from tests.procedures.test_live import HEADER, LONG
-from tests.runs import made
+from tests.runs import NIGHTLY, made
 
 pytestmark = pytest.mark.slow
 

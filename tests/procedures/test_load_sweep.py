@@ -35,10 +35,9 @@ from palpate.procedures.study.run import one_by_one
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.planning.settle import with_model
-from tests.chance import plausible
+from tests.chance import amplitude_ratio, plausible
 from tests.procedures.conftest import IDEAL_CALIBRATION, IDEAL_SCENE, scene_of, sweep, sweep_scene
 from tests.procedures.studies import study_from
-from tests.ratios import amplitude_ratio
 from tests.shares import first_of
 
 LOADS = (1.5, 2.0, 2.5, 3.0, 3.5, 4.0)

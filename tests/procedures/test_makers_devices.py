@@ -36,10 +36,8 @@ from palpate.procedures.study.description import StudyFile, study_of
 from palpate.procedures.virtual.study_cell import StudyComputation
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import Install
-from tests.drivers.outside import installed
-from tests.fault_matrix import undisturbed
-from tests.fault_procedures import real_bench, scene
-from tests.pages import ROOT
+from tests.drivers.benches import installed
+from tests.fault_matrix import real_bench, scene, undisturbed
 from tests.procedures.conftest import (
     IDEAL_CALIBRATION,
     IDEAL_SCENE,
@@ -50,6 +48,7 @@ from tests.procedures.conftest import (
     scene_of,
     sweep,
 )
+from tests.procedures.test_pages import ROOT
 
 SMALL: dict[str, Any] = {"samples": ("1",), "loads": (2.0,), "dwell": 0.5, "calibration": IDEAL_CALIBRATION}
 RANGE = 0.5  # V

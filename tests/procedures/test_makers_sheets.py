@@ -15,12 +15,7 @@ import pytest
 from palpate.instrument.contracts.maps.eds import FOLDERS
 from palpate.instrument.contracts.maps.map_file import read_map
 from tests import second_reader
-from tests.instrument.test_eds import drive
-from tests.instrument.test_map_files import TRANSMITTER
-from tests.procedures.conftest import Palpate, Spoken
-from tests.second_reader import hold
-from tests.shares import first_of
-from tests.sheets import (
+from tests.contracts import (
     BASE,
     BIT,
     DATA,
@@ -43,6 +38,11 @@ from tests.sheets import (
     section,
     var,
 )  # fmt: skip
+from tests.instrument.test_eds import drive
+from tests.instrument.test_map_files import TRANSMITTER
+from tests.procedures.conftest import Palpate, Spoken
+from tests.second_reader import hold
+from tests.shares import first_of
 
 X = ("--object", "2002=x")
 SINGLE = 0.10000000149011612  # what a number of 32 bits keeps of 0.1

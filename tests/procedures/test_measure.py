@@ -186,7 +186,7 @@ def test_a_broken_package_and_two_of_one_name_are_told_and_hinder_no_other(
     assert "procedure 'twin': first 1.2 and second 1.2 both have one" in palpate("measure", "twin").complaint
     listed = " ".join(palpate("measure", "--help").out.split())
     assert "twin Cannot be used: procedure 'twin': first 1.2 and second 1.2 both have one" in listed
-    assert "sweep-loads Load each sample with each load set" in listed
+    assert "sweep-loads Load each sample with each load and" in listed
     assert (palpate(*RELAX, "--dry-run", "--quiet").status, palpate("runs", "list").status) == (0, 0)
     completed = CliRunner().invoke(root, prog_name="palpate", env={**COMPLETING, "COMP_WORDS": "palpate measure t"})
     assert "test-modulus" in completed.output

@@ -40,8 +40,8 @@ from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, Sample
 from palpate.procedures.showing import model_picture
 from palpate.procedures.showing.model_picture import ModelPicture
-from tests import meshes
 from tests.procedures.conftest import Palpate, changed
+from tests.settings import give_meshes
 
 RATIO = ("model", "ratio", "--json")
 COLUMN = (*RATIO, "--model", "column", "--sensed-modulus", "100 kPa")
@@ -774,7 +774,7 @@ def test_the_data_are_those_of_the_picture(picture: ModelPicture) -> None:
 
 def test_the_solid_model_shows_both_teeth_of_a_pair(monkeypatch: pytest.MonkeyPatch, few_curves: None) -> None:
     smallest = Resolution(layers=1, ratio=0.2, sectors=1, degree=2)
-    meshes.give(monkeypatch, smallest)
+    give_meshes(monkeypatch, smallest)
     monkeypatch.setattr(model_picture, "SOLID_REFINEMENT", 0)
     saved: list[Figure] = []
     monkeypatch.setattr("matplotlib.figure.Figure.savefig", lambda figure, *_, **__: saved.append(figure))

@@ -44,8 +44,8 @@ from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.export import export
 from palpate.procedures.study.results import read_results
 from palpate.simulators.clock import VirtualClock
+from tests.benchmarks.faults import cases
 from tests.conftest import Install
-from tests.hostile_scenes import cases
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of
 
 

@@ -31,9 +31,9 @@ from palpate.procedures.steps.policy import ATTEMPTS, RESTORE, STOP, carry_out, 
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import inject
 from palpate.simulators.faults.fault import parse_faults, places
-from tests.fault_procedures import scene
+from palpate.simulators.wire.device import SimulatedDevice
+from tests.fault_matrix import scene
 from tests.procedures.conftest import Palpate
-from tests.writes import counted_writes
 
 SMALL = ("sweep", "loads", "--samples", "2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
 
@@ -315,3 +315,19 @@ def test_a_log_of_a_drive_can_be_replayed(tmp_path: Path) -> None:
     log = tmp_path / "log.pcapng"
     recorded(tmp_path, DRIVE, log=log)
     assert palpate.replay(log, tmp_path / "again").run.digest() == palpate.read(tmp_path / "run").digest()
+
+
+# --- writes ------------------------------------------------------------------------------------------
+
+
+def counted_writes(device: SimulatedDevice) -> list[dict[str, float]]:
+    """The writes that reach a device from now on, as they come."""
+    writes: list[dict[str, float]] = []
+    write = device.write
+
+    def counted(values: dict[str, float]) -> None:
+        writes.append(values)
+        write(values)
+
+    device.write = counted  # type: ignore[method-assign]
+    return writes

@@ -29,11 +29,10 @@ from palpate.procedures.records.chain import RECORD
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
 from palpate.testing import steps
+from tests.chance import amplitude_ratio
 from tests.examples.relaxation import Relaxation
-from tests.kills import Commands
+from tests.kills import SERVED_FAULTS, Commands, rounds
 from tests.procedures.conftest import HEADER, OFF, Benches, Palpate, outputs
-from tests.ratios import amplitude_ratio
-from tests.served_kills import FAULTS, rounds
 from tests.shares import first_of
 
 pytestmark = pytest.mark.usefixtures("foreground")
@@ -253,5 +252,5 @@ def test_no_point_is_that_of_another_sample_or_lost_or_silently_missing(
     """Seeds whose blows are a kill, each other signal, a hand at the sample and another client's order."""
     with rounds(tmp_path, "real_bench") as played:
         found = Counter(played.play(11))
-    assert {what: found[what] for what in FAULTS if found[what]} == {}
+    assert {what: found[what] for what in SERVED_FAULTS if found[what]} == {}
     assert min(found[what] for what in ("killed", "interrupted", "resumed", "noticed")) > 0

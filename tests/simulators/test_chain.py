@@ -200,7 +200,7 @@ def lived(limits: Limits, until: float) -> tuple[list[float], Callable[[Floats],
 @pytest.mark.slow
 @pytest.mark.parametrize("limits", [Limits(rail=1.5), Limits(current=0.4)], ids=["rail", "current"])
 def test_with_inertia_the_rail_and_the_current_are_met_and_left_when_the_integrator_does(limits: Limits) -> None:
-    """Contact and end stop with inertia: `tests/hard_cases.py`."""
+    """Contact and end stop with inertia: `tests/test_hard_cases.py`."""
     armature = Armature(FORCE_CONSTANT, RESISTANCE, SUSPENSION, INDUCTANCE, MASS, DAMPING)
     stack = SpringStack(TOOTH, RING, 0.4).elastic()
     chain, path = chain_on(stack, ALWAYS_PRESSED, DRIVE, armature=armature, limits=limits)

@@ -23,7 +23,7 @@ from palpate.simulators.faults.fault import Fault, Trigger, parse_faults, places
 from palpate.simulators.faults.fault import struck as struck_places
 from palpate.simulators.planning.settle import read_scene, with_faults
 from palpate.simulators.scenes.scene import Scene
-from tests.operations import operations, without_code_of_faults
+from tests.benchmarks.faults import operations, without_code_of_faults
 
 HEAD = 'name = "x"\npurpose = "y"\ndesign = "single"\n'
 FIRST = 'kind = "no_reply"\non = "signal_generator"\n'

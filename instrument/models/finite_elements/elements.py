@@ -142,13 +142,11 @@ class Stiffness:
         self._radial = [spread(factor, z.value_value)[:, None] for factor in radial]
         self._axial = [tiled(factor, r.value_value) for factor in axial]
 
-    def __call__(self, columns: Indices, rows: Indices, of: Constants, out: Floats | None = None) -> Floats:
-        """Stiffness (elements, 2 (p + 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`, in `out` if given."""
+    def __call__(self, columns: Indices, rows: Indices, of: Constants, out: Floats) -> Floats:
+        """Stiffness (elements, 2 (p + 1)^2, 2 (p + 1)^2) of the elements in `columns` x `rows`, in `out`."""
         hoop_slope, value, slope, value_slope, dilatation, dilatation_value = (part[columns] for part in self._radial)
         z_value, z_slope, z_slope_value, z_value_slope = (part[rows] for part in self._axial)
         count = z_value.shape[1]
-        if out is None:
-            out = np.empty((len(columns) * len(rows), 2 * count, 2 * count))
         matrices = out.reshape(len(columns), len(rows), 2, count, 2, count)
         rr, rz, zr, zz = (matrices[:, :, i, :, j] for i in (0, 1) for j in (0, 1))
         np.multiply((of.c11 - of.c12) * hoop_slope + of.c12 * dilatation, z_value, out=rr)

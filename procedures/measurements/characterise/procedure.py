@@ -538,8 +538,8 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         if repeats is None:
             return found
         missed = [f"{plus_minus(u, 3)} of film {film}" for film, u in found.sensitivities if not repeats[0].reaches(u)]
-        told = f": {', '.join(missed)}" if missed else ""
-        return replace(found, stopped=ended_by("round of loads", self._told, self.time, told))
+        where_missed = f": {', '.join(missed)}" if missed else ""
+        return replace(found, stopped=ended_by("round of loads", self._told, self.time, where_missed))
 
     def report(self, result: CharacteriseResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.characterise.report import plot_characteristics, show_characteristics

@@ -132,7 +132,7 @@ def at_top(points: Sequence[FilmsPoint], number: int) -> Top:
     count, samples = len(points), points[-1].samples
     amplitude_u = float(np.linalg.norm(volts_u) / volts.sum())
     residual_u = float(np.linalg.norm(noise * noise_u) / (noise @ noise))
-    known = math.fsum(p.noise_freedom for p in points)
+    freedom = math.fsum(p.noise_freedom for p in points)
     return Top(
         volts=float(volts.mean()),
         noise_V=math.sqrt(float(np.mean(noise**2))),
@@ -140,7 +140,7 @@ def at_top(points: Sequence[FilmsPoint], number: int) -> Top:
         records=count,
         samples=samples,
         amplitude=Component("amplitude", amplitude_u, kind="A"),
-        residual=Component("noise, as measured", residual_u, 1.0, known, "A"),
+        residual=Component("noise, as measured", residual_u, 1.0, freedom, "A"),
         greatest=Component("greatest of the noise", of_greatest(samples) / math.sqrt(count), kind="A"),
     )
 
@@ -223,8 +223,8 @@ def factor(quantity: str, value: float) -> float:
 
 def cell_component(calibration: LoadCellCalibration) -> Component:
     """Relative uncertainty of a slope by the load cell's sensitivity."""
-    known = float(calibration.degrees_of_freedom or math.inf)
-    return Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N, 1.0, known)
+    freedom = float(calibration.degrees_of_freedom or math.inf)
+    return Component("load cell", calibration.sensitivity_u / calibration.sensitivity_mV_per_N, 1.0, freedom)
 
 
 def noise_component(scatter: float, records: int, samples: int) -> Component:
@@ -493,15 +493,15 @@ def show_characteristics(result: CharacteriseResult, outcome: Outcome) -> list[o
     for column in (0, 1, 4, 5):
         table.columns[column].justify = "left"
     table.columns[5].no_wrap = False
-    said = []
+    below = []
     if result.stopped:
         sets = counted(sum(point.direction == LOADING for point in result.points), "load set")
         half = max(half for _, half in result.sensitivities)
-        said = [
+        below = [
             uncertainty_line("a force sensitivity", half, result.achieved_u, outcome["predicted_u"]),
             f"stopped        {result.stopped}; {sets} up, {taken(outcome)}",
         ]
-    return [table, _definitions(result), *said]
+    return [table, _definitions(result), *below]
 
 
 def _definitions(result: CharacteriseResult) -> Table:

@@ -48,11 +48,11 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
     """
     run, quantities = Run.open(folder), _quantities(calibration)
     sections = _sections(run, calibration, quantities)
-    told = {each.heading: list(map(_told, each.rows)) for each in sections if each.heading in TOLD}
+    by_section = {each.heading: list(map(_told, each.rows)) for each in sections if each.heading in TOLD}
     texts = {
         "certificate.md": _markdown(calibration.simulated, sections),
         "certificate.html": page(TITLE, calibration.simulated, map(_html, sections)),
-        "certificate.xml": dcc(run, calibration.device, quantities, told),
+        "certificate.xml": dcc(run, calibration.device, quantities, by_section),
     }
     for name, text in texts.items():
         with storing(folder / name):

@@ -48,7 +48,7 @@ class CertifiedQuantity:
         return self.k * self.u
 
 
-def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], told: Mapping[str, Told]) -> str:
+def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], texts: Mapping[str, Told]) -> str:
     """The certificate as XML.
 
     Args:
@@ -58,7 +58,7 @@ def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], told: Ma
         told: names and texts of the sections `TOLD`.
     """
     serials: Any = run.header["devices"]
-    settings = "; ".join(f"{name}: {text}" for name, text in told["Settings"])
+    settings = "; ".join(f"{name}: {text}" for name, text in texts["Settings"])
     readings = (_column(run, *column) for column in (("load", "load_N", "N"), ("mean reading", "reading_mV", "mV")))
     result = _e(
         "measurementResult",
@@ -70,14 +70,14 @@ def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], told: Ma
         )),
         _e("influenceConditions", *(
             _e("influenceCondition", _text("name", name), _e("data", _text("text", text)))
-            for name, text in told["Conditions"]
+            for name, text in texts["Conditions"]
         )),
         _e("results", *map(_quantity, quantities), _result("readings", _e("list", *readings)),
-            *(_result(name, _text("text", text)) for name, text in told["Classification"])),
+            *(_result(name, _text("text", text)) for name, text in texts["Classification"])),
     )  # fmt: skip
     root = _e(
         "digitalCalibrationCertificate",
-        _administrative(run, device, told["Validity"]),
+        _administrative(run, device, texts["Validity"]),
         _e("measurementResults", result),
         **NAMESPACES,
     )

@@ -163,10 +163,10 @@ class Learned:
 
     def ended(self, tolerance: float) -> str:
         """Why the series ended, for people."""
-        told = f"{plus_minus(self.half, 3)} reached, {plus_minus(tolerance, 3)} was asked for"
+        outcome = f"{plus_minus(self.half, 3)} reached, {plus_minus(tolerance, 3)} was asked for"
         most = "the most runs that were planned are done" if self.half > tolerance else ""
         why = self.why_not or most
-        return f"{told}; {why}" if why else told
+        return f"{outcome}; {why}" if why else outcome
 
 
 def run_seconds(loads: int) -> float:
@@ -439,8 +439,10 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
             raise UnknownName("class of ISO 376", name, list(ISO_376))
         if self.tolerance is not None:
             raise UsageError("--tolerance and --class: a tolerance chooses weights and runs itself; give one")
-        told = {"repeatability": self.runs > 1, "reproducibility": len(self.positions) > 1}
-        if lacking := lacking_for_iso_376(np.asarray(self.loads), [each for each, known in told.items() if not known]):
+        measured = {"repeatability": self.runs > 1, "reproducibility": len(self.positions) > 1}
+        if lacking := lacking_for_iso_376(
+            np.asarray(self.loads), [each for each, is_measured in measured.items() if not is_measured]
+        ):
             raise RangeError(
                 f"--class {name}: {'; '.join(lacking)}; give for example --loads '300 gf:1000 gf:100 gf' --runs 2 "
                 "--positions 0,120,240"
@@ -464,7 +466,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
         Raises:
             RangeError: no number of runs reaches the tolerance; the message says what binds and what would do.
         """
-        known, degree = (display_scatter(cell), cell.resolution_mV), self.degree or 1
+        display, degree = (display_scatter(cell), cell.resolution_mV), self.degree or 1
         found: list[PlannedRuns] = []
         refused: list[tuple[OutOfReach, tuple[float, ...]]] = []
         for count in range(min(len(self.loads), max(FEWEST_LOADS, degree + 2)), len(self.loads) + 1):
@@ -472,7 +474,7 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
             reading = cell.sensitivity_mV_per_N * np.asarray(loads, dtype=np.float64)
 
             def lines_by(number: int, loads: tuple[float, ...] = loads, reading: Floats = reading) -> list[BudgetLine]:
-                return lines_of(loads, reading, degree, *known, number, self.loads_u)
+                return lines_of(loads, reading, degree, *display, number, self.loads_u)
 
             try:
                 found.append(self._planned(tolerance, loads, lines_by))
@@ -489,25 +491,25 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
         """The refusal of a tolerance that no number of runs reaches, by the loads that come nearest to it [N]."""
         loads_u = self.loads_u
         whole, wanted = error.floor / NORMAL_FACTOR, tolerance / NORMAL_FACTOR
-        told = f"--tolerance {share(tolerance, 3)} cannot be reached: "
+        refused = f"--tolerance {share(tolerance, 3)} cannot be reached: "
         best = f"best now  --tolerance '{reachable(error.best)}'"
         if wanted <= loads_u:
             left_by_loads = plus_minus(NORMAL_FACTOR * loads_u, 3)
             lines = [
-                f"{told}--loads-u {share(loads_u, 3)} leaves {left_by_loads}, which no run lowers",
+                f"{refused}--loads-u {share(loads_u, 3)} leaves {left_by_loads}, which no run lowers",
                 best,
                 "or        weights of a better class, or the local gravity, and a smaller --loads-u",
             ]
             return RangeError("\n  ".join(lines))
         if error.floor < tolerance:
-            return RangeError(f"{told}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
+            return RangeError(f"{refused}{error.binds} binds, and a series has {MOST_RUNS} runs at most\n  {best}")
         rounded = mean_u(display_scatter(cell), cell.resolution_mV, math.inf)
         apart = rounded * slope_u(np.asarray(loads, dtype=np.float64), self.degree or 1) / cell.sensitivity_mV_per_N
         left, free = (math.sqrt(u**2 - loads_u**2) for u in (whole, wanted))  # by the display alone
         heavier = (loads[-1] - loads[0]) * left / free + loads[0]
         alone = NORMAL_FACTOR * math.hypot(apart, loads_u)
         lines = [
-            f"{told}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
+            f"{refused}resolution leaves {plus_minus(NORMAL_FACTOR * left, 3)}"
             f"{f', and --loads-u {share(loads_u, 3)}' if loads_u else ''}: the display of "
             f"the load cell has steps of {show(cell.resolution_mV, 'mV')}, and no run lowers what they leave",
             best,
@@ -559,8 +561,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
             fixed.append(BudgetLine(DEVIATION, off, RepeatUnit.NOTHING))
         least = done
         if differing := parts.get(REPEATABILITY):
-            of_run, known = differing.u / found.value * math.sqrt(len(runs)), differing.degrees_of_freedom
-            fixed.append(BudgetLine("runs", of_run, RepeatUnit.SET, known))
+            of_run, freedom = differing.u / found.value * math.sqrt(len(runs)), differing.degrees_of_freedom
+            fixed.append(BudgetLine("runs", of_run, RepeatUnit.SET, freedom))
             least = max(done, FIRST)  # the scatter of the runs themselves decides: few of them tell little of it
         if half <= tolerance and len(runs) >= least * places:
             return Learned(half, done, "")
@@ -588,8 +590,8 @@ class LoadCellSeries(Procedure[WeightStep, LoadCellPoint, LoadCellResult, Planne
         ]
         of_series = {"loads_N": list(planned.loads), "runs": planned.runs, "positions": places, **plan.summary()}
         results = [{"name": SENSITIVITY, "u": plan.u, "unit": "relative"}]
-        said = {"tolerance": tolerance, "planned": of_series, RESULTS: results}
-        return Predicted(plan.seconds, plan.u, said, lines)
+        details = {"tolerance": tolerance, "planned": of_series, RESULTS: results}
+        return Predicted(plan.seconds, plan.u, details, lines)
 
     def course(self, plan: WeightPlan, points: Sequence[LoadCellPoint], lab: Lab) -> Generator[int, None, str]:
         """The runs in each position end once the tolerance needs no further one."""

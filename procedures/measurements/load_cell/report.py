@@ -137,8 +137,8 @@ def show_load_cell(result: LoadCellResult, wanted: str | None, outcome: Outcome)
         ("creep", c.creep),
         ("resolution", c.resolution() / c.least_N),
     ):
-        known = ("not measured", "-") if value is None else (f"{100 * value:z.3f} %", iso_376_class_of(name, value))
-        quantities.add_row(name.replace("_", " "), *known)
+        cells = ("not measured", "-") if value is None else (f"{100 * value:z.3f} %", iso_376_class_of(name, value))
+        quantities.add_row(name.replace("_", " "), *cells)
     bent = c.curvature
     return [
         readings,

@@ -499,13 +499,13 @@ class ModulusPlans:
             freedom = one.degrees_of_freedom
             return Preparation(VALIDATION, u, -COMPRESSION * made, REFERENCE, made + 1, slope * more.u, freedom)
         try:
-            known = validate(self.question.design, self.question.parameters, self.found.model)
+            validation = validate(self.question.design, self.question.parameters, self.found.model)
         except PalpateError:  # the thesis' samples do not tell of this model
             return None
-        if known.ln_spread is None:
+        if validation.ln_spread is None:
             return None
-        own, spread = slope * self.design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * known.ln_spread
-        freedom = len(known.percent) - 1.0
+        own, spread = slope * self.design.ratio_scatter / math.sqrt(REFERENCE_SETS), slope * validation.ln_spread
+        freedom = len(validation.percent) - 1.0
         return Preparation(VALIDATION, math.hypot(spread, REFERENCE_U, own), 0.0, REFERENCE, 1, spread, freedom)
 
     def _film_points(self) -> Preparation:
@@ -540,10 +540,10 @@ class ModulusPlans:
             return None
         person = math.fsum(self._person(name, number) for name, number in best.numbers.items())
         what = " and ".join(counted(number, UNITS[name]) for name, number in best.numbers.items())
-        told = f"{what} ({duration(best.once)}, once), then {duration(best.run.mean)}"
+        gives = f"{what} ({duration(best.once)}, once), then {duration(best.run.mean)}"
         how = "; ".join(command_of(name, number) for name, number in best.numbers.items())
         numbers = {name: float(number) for name, number in best.numbers.items()}
-        return Alternative("quickest", numbers, best.once, person, best.run.mean, None, how, told)
+        return Alternative("quickest", numbers, best.once, person, best.run.mean, None, how, gives)
 
     def references_that_pay(self) -> Alternative | None:
         """What as many references as pay would leave of the model's error; None: not known."""
@@ -552,13 +552,13 @@ class ModulusPlans:
         count = max(REFERENCES, made.least)
         line = made.line(count)
         half = line.u * coverage_factor(line.degrees_of_freedom)
-        told = f"{plus_minus(half)} with {count} references ({duration(made.seconds(count))}, once)"
-        return self._made("references", made, count, half, math.nan, told)
+        gives = f"{plus_minus(half)} with {count} references ({duration(made.seconds(count))}, once)"
+        return self._made("references", made, count, half, math.nan, gives)
 
-    def _made(self, what: str, made: Preparation, count: int, half: float, run: float, told: str) -> Alternative:
+    def _made(self, what: str, made: Preparation, count: int, half: float, run: float, gives: str) -> Alternative:
         """So many units of a preparation, with the half-width and the mean bench time of the run then."""
         numbers, person, how = {made.name: float(count)}, self._person(made.name, count), command_of(made.name, count)
-        return Alternative(what, numbers, made.seconds(count), person, run, half, how, told)
+        return Alternative(what, numbers, made.seconds(count), person, run, half, how, gives)
 
     # --- what else pays --------------------------------------------------------------------------------
 
@@ -582,8 +582,8 @@ class ModulusPlans:
             return None
         half = self._with(prospect, more.line(more.least))
         count = "one" if more.least == 1 else f"{more.least} in all"
-        told = f"{count} would give {plus_minus(half)}; {duration(more.seconds(more.least))}, once"
-        return self._made("references", more, more.least, half, prospect.times.mean, told)
+        gives = f"{count} would give {plus_minus(half)}; {duration(more.seconds(more.least))}, once"
+        return self._made("references", more, more.least, half, prospect.times.mean, gives)
 
     def _films(self, prospect: Prospect) -> Alternative | None:
         """Films calibrated at twice as many points; where they are not calibrated, what that would add."""
@@ -596,13 +596,13 @@ class ModulusPlans:
                 return None
             points = max(films.least, math.ceil(2 * films.u**2 / (plan.shares[CALIBRATION] * plan.u**2)))
         half, seconds = self._with(prospect, films.line(points)), duration(films.seconds(points))
-        told = f"{points} points would give {plus_minus(half)}; {seconds}, once"
+        gives = f"{points} points would give {plus_minus(half)}; {seconds}, once"
         if not calibrated:
-            told = (
+            gives = (
                 f"not calibrated: {plus_minus(plan.half)} leaves their error out; with {points} points ({seconds},"
                 f" once) it counts: {plus_minus(half)}"
             )
-        return self._made("films", films, points, half, prospect.times.mean, told)
+        return self._made("films", films, points, half, prospect.times.mean, gives)
 
     def _with(self, prospect: Prospect, line: BudgetLine) -> float:
         """Half-width of a plan with a line in place of the one of its name, or beside the others."""
@@ -622,10 +622,10 @@ class ModulusPlans:
         if self._gain(prospect, then) > PAYS_ONCE:
             return None
         seconds, count = first.times.mean, SCATTER_MOUNTINGS
-        told = f"once {count} have told their scatter ({duration(seconds)}), a run would {self._gives(then)}"
+        gives = f"once {count} have told their scatter ({duration(seconds)}), a run would {self._gives(then)}"
         numbers, half = {MOUNTED: float(count)}, then.allocation.half
         person = self.wanted.mounts.person * first.times.mountings
-        return Alternative("mountings", numbers, seconds, person, then.times.mean, half, MEASURE_MOUNTINGS, told)
+        return Alternative("mountings", numbers, seconds, person, then.times.mean, half, MEASURE_MOUNTINGS, gives)
 
     def _frequency(self, prospect: Prospect) -> Alternative | None:
         """Another frequency, where the bench can have it and it pays; the modulus is then the one at that frequency."""
@@ -641,9 +641,9 @@ class ModulusPlans:
         if best is None:
             return None
         frequency, other = best
-        told = f"{show(frequency, 'Hz')} would {self._gives(other)}, for the modulus at that frequency"
+        gives = f"{show(frequency, 'Hz')} would {self._gives(other)}, for the modulus at that frequency"
         numbers, how = {"frequency_Hz": frequency}, f"--frequency '{show(frequency, 'Hz')}'"
-        return Alternative("frequency", numbers, 0.0, 0.0, other.times.mean, other.allocation.half, how, told)
+        return Alternative("frequency", numbers, 0.0, 0.0, other.times.mean, other.allocation.half, how, gives)
 
     def _gain(self, prospect: Prospect, other: Prospect) -> float:
         """Bench time of another plan over that of this one; the half-width, where a time is given."""
@@ -688,8 +688,8 @@ class ModulusPlans:
         if error.binds == VALIDATION:
             ways += self._on_scale()
         absolute = "" if wanted.relative else " absolute"
-        told = f"--tolerance {as_asked(tolerance, 3)[2:]}{absolute} cannot be reached: {why}"
-        return RangeError("\n  ".join([told, f"best now  {best}", *ways]))
+        head = f"--tolerance {as_asked(tolerance, 3)[2:]}{absolute} cannot be reached: {why}"
+        return RangeError("\n  ".join([head, f"best now  {best}", *ways]))
 
     def remedy(self, binds: str) -> str:
         """What else lowers a line; empty: nothing is known, as of the error of the finest model."""
@@ -699,11 +699,11 @@ class ModulusPlans:
 
     def _not_known(self) -> RangeError:
         """The refusal of an absolute tolerance where the model's validation error is not known."""
-        told = (
+        head = (
             f"--tolerance {share(self.wanted.tolerance or 0.0, 3)} absolute cannot be promised: the validation error of"
             f" {self.found.model!r} is {self.found.validation.source}"
         )
-        return RangeError("\n  ".join([told, self._by_compression(), *self._on_scale()]))
+        return RangeError("\n  ".join([head, self._by_compression(), *self._on_scale()]))
 
     def _by_compression(self) -> str:
         """The compression test of this bench [M]; of an object that is no rubber sample, by one of its size."""
@@ -762,10 +762,10 @@ def scatter_told(found: Between) -> str:
 
 def mounting_lines(wanted: Wanted) -> list[str]:
     """What is known of the scatter of mountings, and what counts of it."""
-    told = f"the plan counts {share(wanted.mounted)}"
+    counted_as = f"the plan counts {share(wanted.mounted)}"
     if math.isfinite(wanted.mounted_freedom):
-        told += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
-    return [f"mountings      {wanted.mounted_by}", f"               {told}"]
+        counted_as += f", {counted(round(wanted.mounted_freedom), 'degree')} of freedom"
+    return [f"mountings      {wanted.mounted_by}", f"               {counted_as}"]
 
 
 def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
@@ -783,12 +783,12 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
     lines += mounting_lines(wanted)
     if found.sensitivity is None:
         return [*lines, f"expected       only a bound: model {found.model!r} cannot tell such an object from its ratio"]
-    told = "not known" if expected is None else plus_minus(expected)
+    half_text = "not known" if expected is None else plus_minus(expected)
     if not wanted.relative and prospect.scale is not None:
-        told += f" ({plus_minus(prospect.scale)} on the scale)"
+        half_text += f" ({plus_minus(prospect.scale)} on the scale)"
     cancel = found.films_cancel and not wanted.relative
     uncalibrated = "" if cancel or CALIBRATION in plan.shares else ", films not calibrated"
-    lines.append(f"expected       {told}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}")
+    lines.append(f"expected       {half_text}; u: {parts_of(plan.shares, plan.u)}{uncalibrated}")
     if wanted.tolerance is None and math.isfinite(wanted.mounted_freedom):
         lines.append("               wider where mountings scatter more; a run for a tolerance goes on until it is met")
     return lines
@@ -797,5 +797,5 @@ def planned_lines(wanted: Wanted, prospect: Prospect) -> list[str]:
 def parts_of(shares: Mapping[str, float], u: float) -> str:
     """The lines of a budget, with what each adds to the uncertainty, the largest first."""
     order = sorted(shares, key=lambda name: -shares[name])
-    told = [name for name in order if shares[name] >= LEAST_SHARE] or order[:1]
-    return ", ".join(f"{name} {share(u * max(shares[name], 0.0) ** 0.5)}" for name in told)
+    greatest = [name for name in order if shares[name] >= LEAST_SHARE] or order[:1]
+    return ", ".join(f"{name} {share(u * max(shares[name], 0.0) ** 0.5)}" for name in greatest)

@@ -158,8 +158,8 @@ class Course:
         if self._first_are_due(ratios_of(points)):
             return found
         needed = self.costs.seconds(found.mountings, found.sets, self.prospect.allocation.dwell)
-        told = f"the bound of {limit:.0f} s is spent; as the first sets scatter it takes {needed:.0f} s (--time)"
-        return replace(found, why=told)
+        why = f"the bound of {limit:.0f} s is spent; as the first sets scatter it takes {needed:.0f} s (--time)"
+        return replace(found, why=why)
 
     def _first_are_due(self, ratios: Ratios) -> bool:
         """Whether planned mountings lack sets of those that decide how many there are in all."""
@@ -216,13 +216,13 @@ class Course:
         if self.wanted.tolerance is None or within <= bound:
             return ""
         expected = math.hypot(self.design.ratio_scatter, self._set_noise)
-        told = f"the {bound:.0f} s that are enough for 95 % of runs were not: sets"
+        text = f"the {bound:.0f} s that are enough for 95 % of runs were not: sets"
         if any(len(sets) > 1 for sets in ratios):
-            told += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
-        told += f" were expected to by {100 * expected:.2g} %"
+            text += f" scatter by {100 * pooled(0.0, 0.0, *ratios).u:.2g} %, and"
+        text += f" were expected to by {100 * expected:.2g} %"
         if len(ratios) > plan.mountings:
-            told += f"; {len(ratios)} mountings were made, not {plan.mountings}"
-        return told
+            text += f"; {len(ratios)} mountings were made, not {plan.mountings}"
+        return text
 
     @property
     def _cycles(self) -> int:
@@ -249,9 +249,9 @@ class Course:
             return ""
         if self._set_noise * density / planned < MATTERS * self.design.ratio_scatter:
             return ""
-        told = show(density, "V/√Hz", 2)
+        noise = show(density, "V/√Hz", 2)
         return (
-            f"noise of the films was {told}, not {show(planned, 'V/√Hz', 2)}: with noise = {told!r} in the bench file"
+            f"noise of the films was {noise}, not {show(planned, 'V/√Hz', 2)}: with noise = {noise!r} in the bench file"
             " the next plan has longer dwells"
         )
 
@@ -448,8 +448,8 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
         stored = self.mountings_on(target)
         if stored is None:
             return Wanted(*asked, *UNMEASURED, f"{NEVER_MEASURED}; --mountings 12 does so, once", *of)
-        told = f"{scatter_told(stored.found)}: {stored.source}{stored.marks()}"
-        return Wanted(*asked, stored.means_u, float(stored.degrees_of_freedom), told, *of)
+        source = f"{scatter_told(stored.found)}: {stored.source}{stored.marks()}"
+        return Wanted(*asked, stored.means_u, float(stored.degrees_of_freedom), source, *of)
 
     def mountings_on(self, target: Target) -> MountingScatterCalibration | None:
         """The stored scatter of mountings that the plan takes; before the bench is open, the one that it probably has.
@@ -524,18 +524,18 @@ class ObjectModulus(Procedure[Step, ModulusPoint, ObjectModulusResult, Course]):
             )
             for number in range(1, most_sets(prospect, wanted) + 1)
         ]
-        known = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
-        results = [Expected(name, each) for name, each in known.items() if each is not None]
+        us = {"modulus, scale": prospect.scale_u, "modulus, absolute": prospect.absolute_u}
+        results = [Expected(name, each) for name, each in us.items() if each is not None]
         u = prospect.scale_u if self.relative_to_model else prospect.absolute_u
         offered = plans.alternatives(prospect)
-        told = {
+        details = {
             "planned": prospect.summary(),
             "mounting_scatter": wanted.mounted,
             "mounting_scatter_freedom": None if math.isinf(wanted.mounted_freedom) else wanted.mounted_freedom,
             "alternatives": [each.summary() for each in offered],
         }
         lines = [*planned_lines(wanted, prospect), *worth_lines(offered)]
-        return Plan(self.name, steps, foreseen(prospect.times.mean, u, results, lines, **told), course)
+        return Plan(self.name, steps, foreseen(prospect.times.mean, u, results, lines, **details), course)
 
     def begin(self, plan: Plan[Step, Course], lab: Lab, record: Recorder) -> Measuring:
         return Measuring(lab, record, plan.basis, self.object)

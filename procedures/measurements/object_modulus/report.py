@@ -248,15 +248,17 @@ def _measured(result: ObjectModulusResult) -> list[str]:
     else:
         modulus = f"{show(row['modulus_Pa'], 'Pa', 3)} {_half(result.answer, absolute=False)}"
         scale = f"{scale} (95 %, scale)"
-    told = [f"measured       {modulus}{scale}", _absolute(result.answer, row, line)]
+    lines = [f"measured       {modulus}{scale}", _absolute(result.answer, row, line)]
     if row["modulus_Pa"] is not None and result.wanted.sample:
-        known = get_sample(result.wanted.sample).modulus
-        apart = f"{share(abs(known / row['modulus_Pa'] - 1))} {'above' if known > row['modulus_Pa'] else 'below'}"
-        told.append(
-            f"thesis         {show(known, 'Pa', 3)}, {apart} what is measured; the interval on the scale leaves out how"
-            " far the model is off"
+        of_thesis = get_sample(result.wanted.sample).modulus
+        apart = (
+            f"{share(abs(of_thesis / row['modulus_Pa'] - 1))} {'above' if of_thesis > row['modulus_Pa'] else 'below'}"
         )
-    return told
+        lines.append(
+            f"thesis         {show(of_thesis, 'Pa', 3)}, {apart} what is measured; the interval on the scale leaves out"
+            " how far the model is off"
+        )
+    return lines
 
 
 def _half(answer: ObjectModulusAnswer, *, absolute: bool) -> str:
@@ -269,8 +271,8 @@ def _absolute(answer: ObjectModulusAnswer, row: Mapping[str, object], line: Vali
     if row["absolute_kind"] is None:
         return f"absolute       {line.source}"
     low, high = (end if isinstance(end := row[f"absolute_{name}_Pa"], float) else None for name in ("low", "high"))
-    told = between(str(row["absolute_kind"]), low, high)
-    return f"absolute       {_half(answer, absolute=True)}{told} (95 %); {line.source}"
+    interval = between(str(row["absolute_kind"]), low, high)
+    return f"absolute       {_half(answer, absolute=True)}{interval} (95 %); {line.source}"
 
 
 def plot_modulus(result: ObjectModulusResult, simulated: bool, folder: Path) -> Path:
