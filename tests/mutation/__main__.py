@@ -62,8 +62,7 @@ PARTS = {
     ),
     "record": Part(
         ("procedures/records/record*.py", "procedures/records/chain.py"),
-        ("tests/procedures/test_record*.py", "tests/procedures/test_chain*.py", "tests/procedures/test_check.py",
-         "tests/procedures/test_durable.py"),
+        ("tests/procedures/test_record*.py", "tests/procedures/test_chain*.py", "tests/procedures/test_check.py"),
     ),
 }  # fmt: skip
 

@@ -15,9 +15,9 @@ import click
 import pytest
 
 import palpate as package
-from palpate.drivers.bench import Bench
+from palpate import get_design
+from palpate.extend import Bench, Lab, Recorder, Scene, read_scene
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import Sample
 from palpate.procedures.commands import main
 from palpate.procedures.commands.options import Output
@@ -26,13 +26,9 @@ from palpate.procedures.console.terminal import Progress, silent
 from palpate.procedures.engine.conduct import conduct
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab import operator
-from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.loads import LoadSweep, SweepResult
-from palpate.procedures.records.record import Recorder
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import NEVER
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
 from palpate.testing import steps
 
 if TYPE_CHECKING:
@@ -135,18 +131,23 @@ def palpate(
     return run
 
 
-@pytest.fixture(scope="session")
-def default_sweep(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
-    """`palpate sweep loads --json`, once for all tests."""
+def said_once(folder: Path, *arguments: str) -> dict[str, Any]:
+    """The JSON object of `palpate` with some arguments in a folder, for tests that share it; it says nothing else."""
     out, err = StringIO(), StringIO()
     with pytest.MonkeyPatch.context() as patch, redirect_stdout(out), redirect_stderr(err):
-        patch.chdir(tmp_path_factory.mktemp("default"))
+        patch.chdir(folder)
         patch.delenv("PALPATE_STORE", raising=False)
-        patch.setattr(sys, "argv", ["palpate", "sweep", "loads", "--json"])
+        patch.setattr(sys, "argv", ["palpate", *arguments, "--json"])
         with pytest.raises(SystemExit) as ended:
             main()
     assert err.getvalue() == ""
     return Spoken(ended.value.code, out.getvalue(), err.getvalue()).object
+
+
+@pytest.fixture(scope="session")
+def default_sweep(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
+    """`palpate sweep loads --json`, once for all tests."""
+    return said_once(tmp_path_factory.mktemp("default"), "sweep", "loads")
 
 
 class Benches(list[SimulatedBench]):

@@ -287,6 +287,5 @@ def test_the_index_is_the_old_or_the_new_one_when_its_writer_is_killed(
         assert palpate("runs", "list").status == 130
     assert INDEX.read_bytes() == old
     after = listed()
-    assert len(after) == 2 * COUNT
-    assert [run for run in after if "more" not in run["run"]] == before
+    assert (len(after), [run for run in after if "more" not in run["run"]]) == (2 * COUNT, before)
     assert INDEX.read_bytes() != old

@@ -311,20 +311,6 @@ def test_prices_of_another_machine_are_refused_before_anything_is_measured(
     ] == []
 
 
-@pytest.mark.parametrize(
-    "options, part",
-    [
-        (("accuracy numerics", "--design", "singel"), "unknown design with prices 'singel' (did you mean 'single'?)"),
-        (("model surfaces", "--design", "arrays"), "unknown design with a surface 'arrays'"),
-    ],
-)
-def test_what_cannot_be_asked_is_refused(palpate: Palpate, options: tuple[str, ...], part: str) -> None:
-    command, *given = options
-    said = palpate(*command.split(), *given)
-    assert said.status == 2
-    assert part in said.err and said.out == ""
-
-
 def test_stored_surfaces_are_listed_with_their_bounds(palpate: Palpate) -> None:
     found = palpate("model", "surfaces", "--json").object["surfaces"]
     listed = [(design, parameters) for design in measuring.DESIGNS for parameters in measuring.sets_of(design)]

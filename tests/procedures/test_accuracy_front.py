@@ -19,21 +19,14 @@ from matplotlib.figure import Figure
 from palpate.extend import Question, Scene, read_scene
 from palpate.simulators.planning import weights
 from palpate.simulators.planning.weights import DRAWS, PriceLine, Subset, front, leaving_out, nested, priced, see, weigh
-from tests.procedures.conftest import IDEAL_SCENE, Palpate
+from tests.procedures.conftest import IDEAL_SCENE, Palpate, said_once
 from tests.shares import first_of
 
 
 @pytest.fixture(scope="module")
 def found(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Any]:
     """The front of sample 4, as JSON."""
-    from click.testing import CliRunner
-
-    from palpate.procedures.commands.root import palpate as command
-
-    store = {"PALPATE_STORE": str(tmp_path_factory.mktemp("store"))}
-    said = CliRunner(env=store).invoke(command, ["accuracy", "--sample", "4", "--json"], standalone_mode=False)
-    front: dict[str, Any] = json.loads(said.output)
-    return front
+    return said_once(tmp_path_factory.mktemp("front"), "accuracy", "--sample", "4")
 
 
 def test_no_plan_of_the_front_beats_another(found: dict[str, Any]) -> None:
@@ -125,24 +118,6 @@ def test_the_picture_gives_a_half_width_no_other_time_than_the_table(palpate: Pa
     assert len(labels) > 2
     for half, lasts in labels:
         assert all(lasts in line for line in lines if line.strip().startswith(f"{half} "))
-
-
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        (("--tolerance", "200 %"), "above the 50 % that are allowed"),
-        (("--sample", "99"), "99"),
-        (("--modulus", "100 GPa", "--scene", "poor_seating"), "tells no more than a bound"),
-        (("--modulus", "5 MPa"), "modulus 5 MPa of sample '5 MPa' is outside the measured"),
-        (("--model", "beam_printed"), "it cannot be told how thick an object is"),
-        (("--mounting-scatter", "-1 %"), "--mounting-scatter -1 % is outside 0 to 50 %"),
-        (("--mounting-scatter", "1 %", "--mounting-freedom", "0"), "--mounting-freedom 0 is below 1"),
-        (("--sample", "4", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
-        (("--absolute", "--relative-to-model"), "--absolute and --relative-to-model"),
-    ],
-)
-def test_what_has_no_front_is_refused(palpate: Palpate, options: tuple[str, ...], message: str) -> None:
-    assert message in palpate("accuracy", *options).complaint
 
 
 def test_a_tolerance_that_nothing_reaches_is_told_with_what_binds_and_other_ways(palpate: Palpate) -> None:

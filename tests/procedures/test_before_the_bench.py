@@ -12,13 +12,12 @@ from unittest.mock import Mock
 
 import pytest
 
-from palpate.instrument.bench.description import read_bench
+from palpate import ConfigError, RangeError
+from palpate.extend import read_bench, read_scene
 from palpate.instrument.calibration.files import write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.errors import ConfigError, RangeError
 from palpate.procedures.lab import open as session
 from palpate.procedures.lab.calibrations import check_nameable, check_store, path_of
-from palpate.simulators.planning.settle import read_scene
 from tests.fuzz.files import BENCH
 from tests.procedures.conftest import Palpate
 
@@ -38,30 +37,6 @@ def stored(device: str, **changed: object) -> None:
     path = path_of(LoadCellCalibration, calibration.owner)
     path.parent.mkdir(parents=True, exist_ok=True)
     write_calibration(path, calibration)
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (
-            ("softness", "--modulus", "60 kPa, 1 GPa"),
-            "ratios from model 'experiment': modulus 1 GPa of sample '1 GPa' is outside the measured",
-        ),
-        (
-            ("measure", "modulus", "--modulus", "1 Pa", "--time", "2 min"),
-            "such limit; give a scene with another model, such as --scene poor_seating",
-        ),
-        (("softness", "--samples", "1", "--loads", "8 N"), "there where a command has --extrapolate"),
-        (("sweep", "loads", "--loads", "2 N, 8 N"), "load 8 N lies outside the 1.373 to 7.257 N"),
-        (("sweep", "loads", "--loads", "1 N", "--dry-run"), "load 1 N lies outside the 1.373 to 7.257 N"),
-        (("characterise", "--loads", "1 N, 2 N, 3 N"), "load 1 N lies outside the 1.373 to 7.257 N"),
-    ],
-)
-def test_what_the_model_or_the_load_cell_does_not_tell_opens_no_bench(
-    palpate: Palpate, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in palpate(*arguments).refusal
-    assert not Path("runs").exists()
 
 
 @pytest.mark.parametrize("rehearsal", [(), ("--dry-run",)])
@@ -105,8 +80,6 @@ def test_a_dry_run_leaves_no_folder_and_no_log(palpate: Palpate) -> None:
 def test_a_stored_calibration_of_the_simulated_bench_counts_and_not_the_thesis_own(palpate: Palpate) -> None:
     stored("SIM-SI-0001", **SIMULATED, greatest_N=3.5)
     assert "outside the 1.373 to 3.5 N" in palpate("sweep", "loads").complaint
-    stored("SIM-SI-0001", **SIMULATED, expires="2024-02-29")
-    assert "expired on 2024-02-29; run palpate calibrate load-cell" in palpate("sweep", "loads").complaint
 
 
 def test_a_dry_run_says_that_a_real_bench_has_no_calibration_yet(palpate: Palpate) -> None:

@@ -11,8 +11,7 @@ import pytest
 from matplotlib.figure import Figure
 
 import palpate
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
+from palpate.extend import Scene, read_scene
 from tests.drivers.benches import installed
 from tests.procedures.conftest import Palpate
 
@@ -57,7 +56,10 @@ def test_a_device_of_another_package_is_read_beside_each_point_and_told_everywhe
         assert [(p["beside_room_degC"], p["beside_room_degC_u"]) for p in found["points"]] == [(20.0, 0.3)] * 2
         (told,) = found["beside"]
         assert (told["name"], told["mean"], told["unit"], told["u"], told["readings"]) == ("room", 20.0, "degC", 0.3, 2)
-        palpate("runs", "export", str(tmp_path / "run"), "--to", "csv", "--out", str(tmp_path / "csv"))
+        export = ("runs", "export", str(tmp_path / "run"), "--to", "csv", "--out", str(tmp_path / "csv"), "--json")
+        assert palpate(*export).object["files"] == [
+            str(tmp_path / "csv" / f"{of}.csv") for of in ("points", "waveforms")
+        ]
         assert "beside_room_degC" in (tmp_path / "csv" / "points.csv").read_text().splitlines()[0]
         report = palpate("runs", "report", str(tmp_path / "run"), "--json").object
         assert report["runs"][0]["warning"] is None

@@ -7,17 +7,11 @@ from typing import TYPE_CHECKING, Any
 
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate import RangeError, get_design, get_sample
+from palpate.extend import Bench, Films, LoadServo, Scene, press
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
-from palpate.instrument.errors import RangeError
-from palpate.instrument.sensor.designs import get_design
-from palpate.instrument.sensor.sample import get_sample
 from palpate.procedures.bluesky import DeviceSetting, FilmSignals, MovableLoad
-from palpate.procedures.steps.films import Films
-from palpate.procedures.steps.probe import press
-from palpate.procedures.steps.servo import LoadServo
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.scenes.scene import Scene
 
 if TYPE_CHECKING:
     from bluesky import RunEngine

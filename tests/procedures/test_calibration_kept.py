@@ -21,18 +21,15 @@ import pytest
 import tomli_w
 
 import palpate as package
+from palpate import ConfigError, Run
+from palpate.extend import ModelCalibration, Scene, read_scene
 from palpate.instrument.calibration.calibration import ANY
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.films import MountingScatterCalibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.calibration.model_calibration import ModelCalibration
-from palpate.instrument.errors import ConfigError
 from palpate.instrument.models.response import RatioQuestion
 from palpate.procedures.lab.calibrations import mountings_of, path_of, probable_references
-from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.scenes.scene import Scene
 from tests.kills import CALIBRATION_FAULTS, COMMANDS, ERRORS, in_process, served
 from tests.procedures.conftest import Palpate, scene_of
 from tests.runs import rehash
@@ -63,8 +60,7 @@ def test_a_run_that_is_stopped_before_its_calibration_is_stored_is_not_complete_
     assert palpate(*CELL, "--out", "day").status == 130
     files = {"certificate.md", "certificate.html", "certificate.xml", "calibration.toml"}
     assert (len(files & {path.name for path in Path("day").iterdir()}), any(STORE.glob("*"))) == (there, False)
-    assert Run.open(Path("day")).status == "stopped"
-    assert palpate("runs", "resume", "day", "--quiet").status == 0
+    assert (Run.open(Path("day")).status, palpate("runs", "resume", "day", "--quiet").status) == ("stopped", 0)
     assert Run.open(Path("day")).status == "complete"
     (stored,) = STORE.iterdir()
     assert stored.read_bytes() == Path("day/calibration.toml").read_bytes()
@@ -103,8 +99,7 @@ def test_a_complete_run_whose_calibration_is_not_stored_is_resumed_to_store_it(p
         assert (day / "certificate.md").exists()
         assert (Run.open(day).digest(), Run.open(day).status) == (digest, "complete")
     rehash(day, status="running")  # as if it had been killed just before its last row
-    assert palpate("runs", "resume", "day", "--quiet").status == 0
-    assert Run.open(day).status == "complete"
+    assert (palpate("runs", "resume", "day", "--quiet").status, Run.open(day).status) == (0, "complete")
 
 
 def test_an_older_calibration_does_not_replace_a_newer_one(palpate: Palpate) -> None:
@@ -114,8 +109,7 @@ def test_an_older_calibration_does_not_replace_a_newer_one(palpate: Palpate) -> 
     (stored,) = STORE.iterdir()
     said = palpate("runs", "resume", "old", "--quiet").complaint
     assert f"{stored} is newer, of new; remove it if this one shall be used" in said
-    assert read_calibration(stored).source == "new"
-    assert Run.open(Path("old")).status == "complete"
+    assert (read_calibration(stored).source, Run.open(Path("old")).status) == ("new", "complete")
 
 
 def test_what_has_no_calibration_to_install_says_why(palpate: Palpate) -> None:
@@ -309,8 +303,7 @@ model = "column"
 adc = "on"
 """
 ODD = PLAIN + '[effects.load_cell]\nsensitivity = "10 mV/N"\n'
-SWEPT = ("sweep", "loads", "--samples", "1", "--loads", "2 N", "--dwell", "0.2 s", "--json")
-CALIBRATE = ("calibrate", "load-cell", "--loads", "1.5 N, 4 N, 7 N", "--quiet")
+SWEPT = (*SWEEP, "--json")
 FILMS = ("calibrate", "films", "--loads", "2 N, 3 N, 4 N", "--dwell", "0.2 s", "--quiet")
 
 
@@ -330,7 +323,7 @@ def of_run(outcome: dict[str, object]) -> tuple[str, object, object]:
 @pytest.mark.usefixtures("scenes")
 def test_what_is_calibrated_on_a_simulated_bench_changes_no_run_of_another_scene_or_seed(palpate: Palpate) -> None:
     before = of_run(palpate(*SWEPT, "--scene", "plain.toml", "--seed", "3").object)
-    for calibrate in (CALIBRATE, FILMS):
+    for calibrate in (CELL, FILMS):
         for other in (("--scene", "odd.toml"), ("--scene", "plain.toml", "--seed", "4")):
             assert palpate(*calibrate, *other).status == 0
     assert of_run(palpate(*SWEPT, "--scene", "plain.toml", "--seed", "3").object) == before
@@ -369,7 +362,7 @@ def test_a_client_of_a_served_bench_stores_for_its_scene_alone(lab: str, sim: Si
 
 
 def test_a_run_tells_that_its_calibration_was_made_later_or_is_another_than_it_began_with(palpate: Palpate) -> None:
-    path = Path(palpate(*CALIBRATE[:-1], "--json").object["calibration_file"])
+    path = Path(palpate(*CELL[:-1], "--json").object["calibration_file"])
     later = read_calibration(path).model_copy(update={"created": "2999-01-01T00:00:00+00:00"})
     write_calibration(path, later)
     assert "(made after the run began, on 2999-01-01T00:00:00+00:00)" in palpate(*SWEPT[:-1], "--out", "day").out

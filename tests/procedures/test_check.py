@@ -121,8 +121,7 @@ def test_damage_is_named_and_every_whole_point_is_salvaged(
     bytes_before = bytes_of(run)
     found, done = check(run), repair(run, out)
     assert fault in " ".join(found.faults)
-    assert (found.points, found.waveforms) == (done.points, done.waveforms)
-    assert bytes_of(run) == bytes_before
+    assert (found.points, found.waveforms, bytes_of(run)) == (done.points, done.waveforms, bytes_before)
     assert all(part in said for part, said in zip(gone, done.gone, strict=True))
     mended = Run.open(out)
     assert (check(out).faults, mended.simulated) == ([], True)
@@ -264,8 +263,7 @@ def test_no_damage_is_silent_and_every_whole_point_is_returned(tmp_path: Path, s
             victim, came = damage(number)
             found[victim] += 1
             bad += [(number, victim, came)] * any(what in BAD for what in came)
-    assert bad == []
-    assert found.keys() == VICTIMS.keys()
+    assert (bad, found.keys()) == ([], VICTIMS.keys())
 
 
 # --- writes and syncs that fail, tear or are dropped ---------------------------------------------------

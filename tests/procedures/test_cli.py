@@ -9,15 +9,13 @@ from pathlib import Path
 from typing import Any
 
 import click
-import pandas as pd
 import pytest
 from click.testing import CliRunner
 
-from palpate.instrument.errors import UsageError
+from palpate import Run, UsageError
+from palpate.extend import Recorder
 from palpate.instrument.models.table import MODELS
 from palpate.procedures.commands.root import palpate as root
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from tests.procedures.conftest import IDEAL_SCENE, OFF, Benches, Palpate, commands, outputs
 
 SMALL = ("sweep", "loads", "--samples", "1,2", "--loads", "2 N, 3 N", "--dwell", "0.2 s")
@@ -72,8 +70,7 @@ def test_an_option_of_one_value_that_is_given_twice_is_refused_by_every_command(
 )
 def test_an_option_whose_text_cannot_be_read_is_named(palpate: Palpate, command: str, option: str, text: str) -> None:
     said = palpate(*command.split(), option, text)
-    assert (said.status, said.out) == (2, "")
-    assert said.complaint.count(option) == 1
+    assert (said.status, said.out, said.complaint.count(option)) == (2, "", 1)
 
 
 # --- what a sweep says ---------------------------------------------------------------------------------
@@ -118,24 +115,6 @@ def test_whatever_is_said_of_a_simulated_sweep_is_stamped_and_names_scene_model_
 
 
 # --- runs ----------------------------------------------------------------------------------------------
-
-
-@pytest.mark.parametrize(
-    ("to", "read"), [("csv", pd.read_csv), pytest.param("parquet", pd.read_parquet, marks=pytest.mark.slow)]
-)
-def test_a_run_is_exported_once(to: str, read: Any, palpate: Palpate) -> None:
-    result = palpate(*ONE_POINT, "--out", "day", "--json").object
-    export = ("runs", "export", "day", "--to", to, "--out", "tables")
-    files = palpate(*export, "--json").object["files"]
-    assert files == [f"tables/points.{to}", f"tables/waveforms.{to}"]
-    points, waveforms = (read(file) for file in files)
-    assert points["force_ratio"].tolist() == pytest.approx([p["force_ratio"] for p in result["points"]])
-    assert points["simulated"].all() and waveforms["simulated"].all()
-    assert len(waveforms) == 2 * 50
-    before = [Path(file).read_bytes() for file in files]
-    again = palpate(*export)
-    assert (again.status, "exists and is not overwritten" in again.complaint) == (2, True)
-    assert [Path(file).read_bytes() for file in files] == before
 
 
 # --- a bench file --------------------------------------------------------------------------------------
@@ -184,10 +163,11 @@ def test_a_person_sees_how_long_it_takes_and_what_is_asked_beside_the_progress_b
     [
         (signal.SIGINT, "sample 1, 3 N", 130, "interrupted\npoints already taken are", [2.0]),
         (signal.SIGTERM, "sample 1, 3 N", 143, "terminated\npoints already taken are", [2.0]),
+        (signal.SIGHUP, "sample 1, 3 N", 129, "hung up\npoints already taken are", [2.0]),
         (signal.SIGINT, "sample 1, 2 N", 130, "interrupted\nno point was taken; the begun run is", []),
     ],
 )
-def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run_and_tell_what_is_kept(
+def test_ctrl_c_sigterm_and_a_closed_terminal_stop_the_outputs_and_then_close_the_run_and_tell_what_is_kept(
     palpate: Palpate, benches: Benches, on_progress: Any, monkeypatch: pytest.MonkeyPatch,
     number: signal.Signals, at: str, status: int, message: str, loads: list[float],
 ) -> None:  # fmt: skip
@@ -199,16 +179,26 @@ def test_ctrl_c_and_sigterm_stop_the_outputs_and_then_close_the_run_and_tell_wha
         finish(self, state, *args)
 
     monkeypatch.setattr(Recorder, "finish", watched)
-    on_progress(lambda _done, _total, what: signal.raise_signal(number) if what == at else None)
+    driven: list[tuple[bool, bool, float]] = []
+
+    def interrupt(_done: int, _total: int, what: str) -> None:
+        if what == at:
+            driven.append(outputs(benches[0]))
+            signal.raise_signal(number)
+
+    on_progress(interrupt)
     said = palpate(*SMALL, "--out", "day", "--json")
     day = Path("day").absolute()
     kept = f"palpate: {message} kept in {day}; go on with: palpate runs resume {day}\nthe outputs are off\n"
     assert (said.status, said.out, said.err.lstrip("\n")) == (status, "", kept)
-    assert closed == [(OFF, "stopped")]
+    assert ([on for *on, amplitude in driven if amplitude], closed) == ([[True, True]] * len(loads), [(OFF, "stopped")])
     assert (Run.open(Path("day")).status, [p["load_N"] for p in Run.open(Path("day")).points()]) == ("stopped", loads)
 
 
 # --- names that a shell completes ---------------------------------------------------------------------
+
+
+SCENES = ("sweep loads --scene", "scene show", "serve", "accuracy --scene")
 
 
 def completed(line: str) -> list[str]:
@@ -217,16 +207,17 @@ def completed(line: str) -> list[str]:
     return CliRunner().invoke(root, prog_name="palpate", env=variables).output.split()
 
 
-@pytest.mark.parametrize("command", ["sweep loads --scene", "scene show", "serve", "accuracy --scene"])
-def test_scenes_are_completed_and_else_files(command: str) -> None:
-    assert completed(f"palpate {command} thesis_s") == ["plain,thesis_single"]
-    assert completed(f"palpate {command} ./mine") == ["file,./mine"]
-
-
-@pytest.mark.parametrize("command", ["model ratio", "softness", "sweep loads"])
-def test_every_model_is_completed(command: str) -> None:
-    assert set(completed(f"palpate {command} --model ")) == {f"plain,{name}" for name in (*MODELS, "auto")}
-    assert completed(f"palpate {command} --model sol") == ["plain,solid"]
+@pytest.mark.parametrize(
+    ("command", "begun", "found"),
+    [
+        *((command, "thesis_s", {"plain,thesis_single"}) for command in SCENES),
+        *((command, "./mine", {"file,./mine"}) for command in SCENES),
+        *((f"{command} --model", "sol", {"plain,solid"}) for command in ("model ratio", "softness", "sweep loads")),
+        ("softness --model", "", {f"plain,{name}" for name in (*MODELS, "auto")}),
+    ],
+)
+def test_scenes_and_else_files_and_every_model_are_completed(command: str, begun: str, found: set[str]) -> None:
+    assert set(completed(f"palpate {command} {begun}")) == found
 
 
 def test_runs_of_the_store_are_completed(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:

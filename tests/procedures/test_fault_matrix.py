@@ -89,8 +89,7 @@ def chosen() -> list[Cell]:
 
 def test_the_matrix_has_every_fault_on_everything_that_can_have_it_in_every_procedure() -> None:
     whole = list(cells())
-    assert len({cell.name for cell in whole}) == len(whole)
-    assert {cell.kind for cell in whole} == set(FAULTS)
+    assert (len({cell.name for cell in whole}), {cell.kind for cell in whole}) == (len(whole), set(FAULTS))
     assert {cell.procedure for cell in whole} == {cell.procedure for cell in chosen()} == set(PROCEDURES)
     assert {cell.on for cell in whole} == {
         "signal_generator", "shaker_amplifier", "strain_indicator", "positioner", "sample_changer", "line", "can",

@@ -115,8 +115,7 @@ def test_only_the_token_of_the_terminal_pauses_and_stops_a_run(tmp_path: Path) -
         assert live.ask("/stop", allowed, "POST") == (200, "asked")
         *_, last = heard
         live.process.wait()
-    assert live.process.returncode == 128 + signal.SIGINT
-    assert (last["event"], last["status"]) == ("ended", "stopped")
+    assert (live.process.returncode, last["event"], last["status"]) == (128 + signal.SIGINT, "ended", "stopped")
     assert palpate.read(tmp_path / "run").status == "stopped"
 
 
@@ -138,8 +137,7 @@ def test_a_run_with_a_page_and_a_hundred_viewers_that_never_read_is_the_same_and
         live.process.wait()
         assert live.process.stderr is not None
         assert "hears no more" not in live.process.stderr.read()
-    assert live.process.returncode == 3
-    assert palpate.read(tmp_path / "run").digest() == alone.run.digest()
+    assert (live.process.returncode, palpate.read(tmp_path / "run").digest()) == (3, alone.run.digest())
 
 
 def test_a_page_that_comes_late_is_told_of_few_points_of_many(tmp_path: Path) -> None:

@@ -201,21 +201,20 @@ def test_a_film_that_clips_on_the_sensitive_range_is_measured_again_on_the_wide_
     assert (event["kind"], event["message"]) == ("rejected", "sample 1, 3 N, attempt 1: clipped")
 
 
-def test_a_load_above_the_force_limit_is_refused_before_anything_is_sent(
-    sim: SimulatedBench, bench: Bench, tmp_path: Path
+@pytest.mark.parametrize(
+    ("load", "error", "message"),
+    [
+        (9.2, RangeError, r"above the bench's force limit of 10 N; loads up to 9\.09 N are possible"),
+        (0.15, UnreachableError, "load 150 mN .* below 2 steps .* ask for 194 mN or more"),
+    ],
+)
+def test_a_load_above_the_force_limit_or_below_two_steps_of_the_indicator_is_refused_before_anything_is_sent(
+    sim: SimulatedBench, bench: Bench, tmp_path: Path, load: float, error: type[Exception], message: str
 ) -> None:
     before = dict(sim.amplifier.settings), dict(sim.indicator.settings), sim.clock.now_ns()
-    with pytest.raises(RangeError, match=r"above the bench's force limit of 10 N; loads up to 9\.09 N are possible"):
-        sweep(bench, tmp_path / "run", loads=(2.0, 9.2))
+    with pytest.raises(error, match=message):
+        sweep(bench, tmp_path / "run", loads=(load,))
     assert (sim.amplifier.settings, sim.indicator.settings, sim.clock.now_ns()) == before
-
-
-def test_a_load_below_two_steps_of_the_indicator_is_refused_before_anything_is_sent(
-    tmp_path: Path, scene: Scene
-) -> None:
-    with pytest.raises(UnreachableError, match=r"load 150 mN .* below 2 steps .* ask for 194 mN or more"):
-        sweep_scene(scene, tmp_path / "run", loads=(0.15,))
-    assert Run.open(tmp_path / "run").points() == []
 
 
 def test_a_load_outside_the_calibrated_range_needs_leave_and_is_marked(tmp_path: Path, scene: Scene) -> None:

@@ -12,14 +12,11 @@ import pytest
 from matplotlib.figure import Figure
 
 import palpate
-from palpate.drivers.bench import Bench
-from palpate.drivers.roles import LoadIndicator, SensorNode
+from palpate.extend import Bench, LoadIndicator, Scene, SensorNode, read_scene
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.procedures.engine.listeners import Traced
 from palpate.simulators.bench import SimulatedBench
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig import RigLoadCell
-from palpate.simulators.scenes.scene import Scene
 from tests.procedures.conftest import Palpate
 from tests.procedures.live import served
 from tests.procedures.test_live_page import Page, browser, page
@@ -243,8 +240,7 @@ def measured(palpate: Palpate, bench: str) -> tuple[dict[str, Any], list[str]]:
 def test_a_real_bench_records_it_by_its_file(lab: str, palpate: Palpate) -> None:
     assert WIRED in Path(lab).read_text(encoding="utf-8")
     point, told = measured(palpate, lab)
-    assert point["load_waveform_N"] == pytest.approx(point["load_measured_N"], rel=0.03)
-    assert told == []
+    assert (point["load_waveform_N"], told) == (pytest.approx(point["load_measured_N"], rel=0.03), [])
 
 
 def test_a_channel_without_the_output_is_told_and_the_point_is_kept(lab: str, palpate: Palpate) -> None:

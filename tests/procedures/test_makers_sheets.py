@@ -196,8 +196,7 @@ def test_values_are_read_by_the_type_of_their_object(
 ) -> None:
     found, notes = made(palpate, BASE + var("2002", kind, **keys), *X)
     field = found["field"]["x"]
-    assert (field.get("minimum"), field.get("maximum"), field.get("default")) == wanted
-    assert notes == []
+    assert ((field.get("minimum"), field.get("maximum"), field.get("default")), notes) == (wanted, [])
 
 
 @pytest.mark.parametrize(
@@ -289,8 +288,7 @@ def test_notes_are_told_to_people_too_in_a_few_lines(palpate: Palpate) -> None:
     assert "Left out: PDO 1800h: its COB-ID 0x20000181 has 29 bits; a map holds those of 11" in told
     assert "Left out: PDO 1804h: has the COB-ID of PDO 1801h" in told
     assert "Note: 980 more lines are not used" in told
-    assert (len(told), told[-1]) == (24, "a.toml")
-    assert read_map(Path("a.toml")).contract.title == name
+    assert (len(told), told[-1], read_map(Path("a.toml")).contract.title) == (24, "a.toml", name)
 
 
 def test_the_second_reader_notices_what_is_wrong_and_what_is_lost(
@@ -337,8 +335,7 @@ def test_a_makers_file_becomes_a_map_that_its_own_copy_is_compared_with(
     sheet, file = tmp_path / "drive.eds", tmp_path / "drive.toml"
     sheet.write_text(drive(), encoding="utf-8")
     asked = ("contracts", "import", str(sheet), "--object", "6071", "--node", "4", "--out", str(file))
-    assert palpate(*asked).status == 0
-    assert read_map(file).line.node == 4
+    assert (palpate(*asked).status, read_map(file).line.node) == (0, 4)
     assert "is there already" in palpate(*asked).complaint
     monkeypatch.setenv(FOLDERS, str(tmp_path))
     assert palpate("contracts", "check", str(file), "--json").object["eds"] == f"{sheet}: compared"

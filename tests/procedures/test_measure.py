@@ -206,33 +206,3 @@ def test_every_setting_of_ours_is_an_option_that_says_what_it_is_and_a_text_for_
             field = own[each.name]
             default = field.default if field.default_factory is MISSING else field.default_factory()
             assert each.value(each.default) == default
-
-
-@pytest.mark.parametrize(
-    ("words", "message"),
-    [
-        (("sweep-loads", "--dwell", "1 s", "--tolerance", "3 %"), "--dwell and --tolerance: the tolerance determines"),
-        (("calibrate-load-cell", "--degree", "3"), "--degree: unknown degree '3'; valid: 1, 2, auto"),
-        (("calibrate-model", "--reference", "A: 48 kPa"), "--reference: 'A: 48 kPa' lacks the unit or the"),
-        (("sweep-loads", "--samples", "1, 1"), "--samples: sample '1' is named twice in '1, 1'"),
-        (("sweep-loads", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must not decrease"),
-        (
-            ("calibrate-films", "--loads", "2 N, 2 N, 3 N"),
-            "2 loads cannot show linearity and scatter",
-        ),
-        (("characterise", "--loads", "3 N, 2 N, 4 N"), "loads 3 N, 2 N, 4 N must be increasing"),
-        (("softness", "--samples", "1", "--loads", "3 N, 2 N"), "loads 3 N, 2 N must not decrease"),
-        (
-            ("sweep-frequency", "--frequencies", "2 Hz, 1 Hz, 3 Hz"),
-            "frequencies '2 Hz, 1 Hz, 3 Hz': they must increase",
-        ),
-        (
-            ("sweep-position", "--scene", "thesis_common_base", "--positions", "9 mm, 6 mm"),
-            "positions 9 mm, 6 mm must be increasing",
-        ),
-    ],
-)
-def test_what_our_own_commands_refuse_is_refused_by_the_name_of_its_option(
-    palpate: Palpate, benches: Benches, words: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("measure", *words, "--dry-run"), benches)

@@ -20,7 +20,7 @@ from palpate.procedures.lab.operator import ConsoleOperator
 from palpate.procedures.measurements import modulus
 from palpate.procedures.measurements.modulus import ModulusResult
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, Benches, Palpate, refused, scene_of
+from tests.procedures.conftest import HEADER, IDEAL_CALIBRATION, IDEAL_SCENE, scene_of
 
 THREE = ModulusTest("1", strain=0.3, steps=3)
 
@@ -96,22 +96,6 @@ def test_more_force_than_the_limit_sends_the_probe_home(
     with pytest.raises(SafetyError, match=r"more than the bench's force limit of 10 N; the probe has moved home"):
         compressed(bench, tmp_path / "run")
     assert sim.rig.position == 0
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--sample", "9"), "unknown sample '9'"),
-        (("--sample", "1", "--strain", "0"), "strain 0 is outside 0 to 0.6; give one inside, such as 30 %"),
-        (("--sample", "1", "--strain", "70 %"), "strain 0.7 is outside 0 to 0.6"),
-        (("--sample", "1", "--strain", "1 N"), "'1 N' is in N where a plain number belongs"),
-        (("--sample", "1", "--steps", "2"), "steps 2 is outside 3 to 100, which give a line with its uncertainty"),
-    ],
-)
-def test_what_cannot_be_tested_is_one_error_before_anything_moves(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("test", "modulus", *arguments), benches)
 
 
 def test_a_pad_beyond_the_travel_or_a_force_beyond_the_limit_is_refused(monkeypatch: pytest.MonkeyPatch) -> None:

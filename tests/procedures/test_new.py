@@ -16,8 +16,7 @@ import pytest
 import palpate
 import palpate.procedures.testing.benches
 import palpate.testing
-from palpate.instrument.errors import UsageError
-from palpate.instrument.sensor.designs import get_design
+from palpate import UsageError, get_design
 from palpate.procedures.templates.new_files import new_bench, new_device, new_package
 from palpate.simulators.bench import SimulatedBench
 from tests.conftest import Install
@@ -134,8 +133,7 @@ def test_the_command_writes_into_a_folder_of_its_own_and_over_nothing(palpate: P
     assert '"FORCE-GAUGE"' in Path("force_gauge/force_gauge.py").read_text(encoding="utf-8")
     for kind in NEW:
         refused = palpate("new", kind, "force_gauge")
-        assert refused.status == 2
-        assert refused.complaint == "force_gauge exists already; choose another name"
+        assert (refused.status, refused.complaint) == (2, "force_gauge exists already; choose another name")
     said = palpate("new", "effect", "cable_sag").out
     assert said.startswith("cable_sag/pyproject.toml\n")
     assert "\n  pytest cable_sag\n\nThen put in your physics" in said

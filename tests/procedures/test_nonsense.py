@@ -18,12 +18,23 @@ import tomli_w
 
 import palpate
 import palpate as package
-from palpate.extend import Lab, Measurement, Plan, Procedure, SimpleResult, Step, Target
+from palpate import BenchError, ConfigError, PalpateError, RangeError, UsageError, get_design
+from palpate.extend import (
+    Lab,
+    Measurement,
+    Plan,
+    Procedure,
+    Question,
+    Recorder,
+    SimpleResult,
+    Step,
+    Target,
+    driven,
+    read_scene,
+)
 from palpate.instrument.calibration.files import read_calibration, write_calibration
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
-from palpate.instrument.errors import BenchError, ConfigError, PalpateError, RangeError, UsageError
 from palpate.instrument.quantity import parse
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import parse_samples
 from palpate.procedures.commands.options import MANY, Output
 from palpate.procedures.engine.conduct import asked, conduct
@@ -31,11 +42,8 @@ from palpate.procedures.engine.run import prepared
 from palpate.procedures.lab.session import reserved
 from palpate.procedures.lab.store import result_folder
 from palpate.procedures.records.export import export
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.study.results import read_results
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.planning.plan import Question, driven
-from palpate.simulators.planning.settle import read_scene
 from tests.benchmarks.faults import cases
 from tests.conftest import Install
 from tests.procedures.conftest import HEADER, IDEAL_SCENE, Palpate, scene_of
@@ -368,5 +376,4 @@ def test_each_entry_of_a_long_list_has_a_line(capsys: pytest.CaptureFixture[str]
     """Indented, 1,000 answers with the films of four teeth took longer to write than to find."""
     Output(as_json=True, quiet=False).json({"points": [{"a": [1, 2]}, {"a": [math.inf]}] * MANY})
     said = capsys.readouterr().out.splitlines()
-    assert len(said) == 2 * MANY + 4
-    assert said[2:4] == ['    {"a": [1, 2]},', '    {"a": [null]},']
+    assert (len(said), said[2:4]) == (2 * MANY + 4, ['    {"a": [1, 2]},', '    {"a": [null]},'])

@@ -25,7 +25,7 @@ from palpate.procedures.steps.checks import check_frequency, parse_loads
 from tests.benchmarks.modulus import KINDS, asked, block, compared, fast
 from tests.benchmarks.modulus import Run as RunInFigures
 from tests.chance import plausible
-from tests.procedures.conftest import Palpate, interrupt_at
+from tests.procedures.conftest import Palpate
 
 MEASURE = ("measure", "modulus")
 TARGET = Target(get_design("single"), 10.0, 1, "experiment")
@@ -255,50 +255,6 @@ def test_a_tolerance_below_the_floor_names_what_binds_and_other_ways(palpate: Pa
     assert ": --relative-to-model" not in palpate(*MEASURE, "--sample", "4", "--tolerance", "0.1 %").complaint
 
 
-@pytest.mark.parametrize(
-    ("options", "message"),
-    [
-        ((), "--tolerance or --time is missing"),
-        (("--time", "1.1 min"), "of 10 load sets, takes .* 1.1 min is too short"),
-        (
-            ("--time", "2 min", "--mounting-freedom", "3"),
-            "--mounting-freedom says how well --mounting-scatter is known",
-        ),
-        (
-            ("--time", "2 min", "--mounting-scatter", "1 %", "--mounting-freedom", "0"),
-            "--mounting-freedom 0 is below 1",
-        ),
-        (("--time", "2 min", "--mounting-scatter", "-1 %"), "--mounting-scatter -1 % is outside 0 to 50 %"),
-        (
-            ("--tolerance", "5 %", "--load", "1 uN"),
-            "^load 1 µN .* below 2 steps .* ask for 194 mN or more",
-        ),
-        (("--time", "0 s"), "--time 0 s is not above 0"),
-        (("--tolerance", "5 %", "--scene", "array_16"), "validation error of .surface. is not known"),
-        (("--tolerance", "60 %"), "above the 50 % that are allowed"),
-        (
-            ("--tolerance", "3 %", "--relative-to-model", "--mountings", "1", "--mounting-scatter", "5 %"),
-            "or        leave the number of mountings to the plan, without --mountings",
-        ),
-        (("--time", "2 min", "--mountings", "0"), "--mountings 0 is outside 1 to 100"),
-        (("--time", "2 min", "--mounting-scatter", "2"), "--mounting-scatter 200 % is outside 0 to 50 %"),
-        (("--time", "2 min", "--mounting-scatter", "nan"), "'nan' is not a quantity; write for example '1 %'"),
-        (("--time", "2 min", "--modulus", "-1 kPa"), "--modulus: '-1 kPa' is not above 0 and finite"),
-        (("--time", "2 min", "--thickness", "-5 mm"), "--thickness: '-5 mm' is not above 0 and finite"),
-        (("--time", "2 min", "--thickness", "5 mm"), "--thickness is that of an unknown object, and a sample has its"),
-        (("--time", "2 min", "--modulus", "50 kPa"), "--sample and --modulus: give either"),
-        (("--time", "2 min", "--model", "nothing"), "nothing"),
-        (("--time", "2 min", "--load", "9.5 N"), "force limit"),
-    ],
-)
-def test_what_cannot_be_measured_is_refused_before_anything_moves(
-    palpate: Palpate, options: tuple[str, ...], message: str
-) -> None:
-    said = palpate(*MEASURE, "--sample", "4", *options)
-    assert re.search(message, said.complaint), said.complaint
-    assert not Path("runs").exists()
-
-
 @pytest.mark.slow
 def test_more_time_than_a_run_has_load_sets_for_is_planned_with_them_all_and_told() -> None:
     asked = wanted(time=Typed(24 * 3600.0, "24 h"), relative_to_model=True, mounting_scatter=0.0)
@@ -438,20 +394,6 @@ def test_6_percent_on_the_scale_take_85_s_and_the_promise_is_kept(palpate: Palpa
     assert sum(point["seconds"] for point in found["points"]) == pytest.approx(found["achieved_seconds"], abs=7)
     run = Run.open(Path("run"))
     assert ([event["kind"] for event in run.events()], run.summary["achieved_u"]) == (["enough"], found["achieved_u"])
-
-
-@pytest.mark.slow
-def test_a_measurement_that_was_stopped_ends_as_one_that_was_not(palpate: Palpate, on_progress: Any) -> None:
-    command = (*MEASURE, "--sample", "2", "--tolerance", "8 %", *STATED, "--mountings", "3", "--quiet")
-    assert palpate(*command, "--out", "whole").status == 0
-
-    on_progress(interrupt_at(12))
-    assert palpate(*command, "--out", "cut").status == 130
-    on_progress(lambda *_: None)
-    assert palpate("runs", "resume", "cut", "--quiet").status == 0
-    whole, cut = Run.open(Path("whole")), Run.open(Path("cut"))
-    assert (cut.digest(), cut.summary) == (whole.digest(), whole.summary)
-    assert {point["mounting"] for point in whole.points()} == {1, 2, 3}
 
 
 @pytest.mark.slow

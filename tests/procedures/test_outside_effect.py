@@ -9,12 +9,10 @@ from typing import ClassVar
 import numpy as np
 import pytest
 
+from palpate import ConfigError, PalpateError, get_design
+from palpate.extend import BenchDescription, Design, Scene, Stream, read_scene
 from palpate.instrument.arrays import Floats, Times
-from palpate.instrument.bench.description import BenchDescription
 from palpate.instrument.config import check
-from palpate.instrument.errors import ConfigError, PalpateError
-from palpate.instrument.sensor.design import Design
-from palpate.instrument.sensor.designs import get_design
 from palpate.procedures.lab.about import added_by
 from palpate.procedures.virtual import study_cell
 from palpate.simulators.bench import SimulatedBench
@@ -26,13 +24,10 @@ from palpate.simulators.effects.pink_noise import PinkNoise
 from palpate.simulators.effects.white_noise import WhiteNoise
 from palpate.simulators.physics.effect import Bound, Case, Effect, FilmsEffect, Kind, Rates
 from palpate.simulators.planning.plan import Question, plan
-from palpate.simulators.planning.settle import read_scene
-from palpate.simulators.randomness import Stream
-from palpate.simulators.scenes.scene import Scene
 from palpate.testing import EffectConformance
 from tests.conftest import Install
 from tests.procedures.conftest import Palpate
-from tests.procedures.test_study_command import threads
+from tests.procedures.test_study import threads
 
 QUESTION = Question("2", 3.0, dwell=0.5)
 SCENE = 'name = "mine"\npurpose = "Mine."\ndesign = "single"\n'
@@ -68,8 +63,7 @@ def scene_of(effects: str, folder: Path) -> Scene:
 @pytest.mark.usefixtures("wet_glue")
 def test_a_scene_names_it_with_quantities_and_says_whose_it_is(tmp_path: Path) -> None:
     scene = scene_of('[effects.wet_glue]\nloss = 0.2\ndried = "3 ms"\n[effects.adc]\n', tmp_path)
-    assert list(scene.effects) == ["adc", "wet_glue"]
-    assert scene.called["wet_glue"] == "called for, from acme 1.2"
+    assert (list(scene.effects), scene.called["wet_glue"]) == (["adc", "wet_glue"], "called for, from acme 1.2")
     assert scene.effects["wet_glue"].model_dump() == {"loss": 0.2, "dried": "0.003 s"}
     assert [each.name for each in plan(scene, QUESTION).included] == ["adc", "wet_glue"]
     automatic = scene_of('[effects.wet_glue]\nwhen = "auto"\n', tmp_path)
@@ -101,8 +95,7 @@ def test_a_plan_weighs_it_where_it_is_left_out_and_names_one_that_cannot_be(inst
     install("odd", "palpate.effects", {"odd": "odd_effects:Odd", "lost": "no_such:Lost"}, odd_effects="Odd = 3")
     found = plan(scene_of("", tmp_path), QUESTION)
     (left,) = [each for each in found.omitted if each.name == "wet_glue"]
-    assert left.force == pytest.approx(0.1)
-    assert left.ratio == pytest.approx(0.0, abs=1e-12)
+    assert (left.force, left.ratio) == (pytest.approx(0.1), pytest.approx(0.0, abs=1e-12))
     lost, odd = found.warnings[-2:]
     assert "effect 'lost' of odd 1.2 (no_such:Lost): cannot be loaded" in lost
     assert "effect 'odd' of odd 1.2 (odd_effects:Odd): is no Effect whose class is named after 'odd'" in odd
@@ -252,8 +245,7 @@ def test_a_scene_and_a_bench_name_it_and_a_record_says_whose_it_is(tmp_path: Pat
     scene = read_scene(str(path))
     assert scene.design.ring.outer_radius == 4.5e-3
     with SimulatedBench(scene) as sim:
-        assert sim.description.design == "wide"
-        assert added_by(sim.description, scene) == {"acme": "1.2"}
+        assert (sim.description.design, added_by(sim.description, scene)) == ("wide", {"acme": "1.2"})
         tables = sim.description.model_dump(mode="json", exclude_none=True)
     with pytest.raises(ConfigError, match=r"bench.toml: design: .*unknown design 'wine' \(did you mean 'wide'\?\)"):
         check({**tables, "design": "wine"}, BenchDescription, "bench.toml")

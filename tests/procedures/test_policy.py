@@ -13,8 +13,9 @@ from unittest.mock import Mock
 import pytest
 
 import palpate
-from palpate.drivers.bench import Bench
+from palpate import Run
 from palpate.drivers.incident import INCIDENT
+from palpate.extend import Bench, read_scene
 from palpate.instrument.errors import (
     BenchError,
     DeviceError,
@@ -26,12 +27,10 @@ from palpate.instrument.errors import (
     UnreachableError,
 )
 from palpate.procedures.measurements.loads import SweepResult
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.policy import ATTEMPTS, RESTORE, STOP, carry_out, policy_for
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.faults import inject
 from palpate.simulators.faults.fault import parse_faults, places
-from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.wire.device import SimulatedDevice
 from tests.fault_matrix import scene
 from tests.procedures.conftest import Palpate

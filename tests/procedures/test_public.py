@@ -12,6 +12,7 @@ import sys
 import zipfile
 from pathlib import Path
 from typing import Any
+from unittest.mock import Mock
 
 import pytest
 
@@ -20,6 +21,7 @@ from palpate import extend
 from palpate.extend import Lab, Measurement, Plan, Recorder, Step
 from palpate.testing import steps
 from tests.examples.relaxation import Holding, Reading, Relaxation
+from tests.procedures.conftest import interrupt_at
 
 OUTSIDE = Path(__file__).parents[1] / "examples" / "relaxation.py"
 SOFT = """
@@ -152,8 +154,7 @@ def test_the_public_names_and_their_parameters_stay() -> None:
     assert set(SIGNATURES) <= {*palpate.__all__, *extend.__all__}
     assert not set(palpate.__all__) & set(extend.__all__)
     found = {name: " ".join(inspect.signature(public(name)).parameters) for name in SIGNATURES}
-    assert found == SIGNATURES
-    assert {name: " ".join(sorted(members(public(name)))) for name in MEMBERS} == MEMBERS
+    assert (found, {name: " ".join(sorted(members(public(name)))) for name in MEMBERS}) == (SIGNATURES, MEMBERS)
     with pytest.raises(AttributeError, match="has no attribute 'open_bank'"):
         palpate.open_bank  # noqa: B018
 
@@ -173,8 +174,7 @@ def test_a_simulated_sweep_is_a_table_in_five_lines(tmp_path: Path, monkeypatch:
     assert "OpenBench(" not in repr(done)
     table = done.run.table()
     assert (list(table["load_N"]), table["simulated"].all()) == ([2.0, 3.0], True)
-    assert done.result.softness_order == ["1"]
-    assert done.plot() == done.folder / "plot.png"
+    assert (done.result.softness_order, done.plot()) == (["1"], done.folder / "plot.png")
     assert palpate.as_dataset(done.run).sizes["point"] == 2
 
 
@@ -196,10 +196,6 @@ def test_a_bench_takes_run_after_run_no_two_at_once_and_none_once_one_has_failed
                 palpate.run(Relaxation(sample="1", readings=1), bench, out="other")
             seen.append(refused)
 
-    def stop(done: int, _total: int, _what: str) -> None:
-        if done == 1:
-            raise KeyboardInterrupt
-
     with palpate.open_bench(scene="ideal") as bench:
         first = palpate.run(held, bench, out="first", listeners=[steps(another)])
         second = palpate.run(held, bench, out="second")
@@ -207,25 +203,12 @@ def test_a_bench_takes_run_after_run_no_two_at_once_and_none_once_one_has_failed
         with pytest.raises(palpate.UsageError, match="already holds a run"):
             palpate.run(held, bench, out="first")
         with pytest.raises(KeyboardInterrupt):
-            palpate.run(held, bench, out="third", listeners=[steps(stop)])
+            palpate.run(held, bench, out="third", listeners=[steps(interrupt_at(1))])
         assert not bench.bench.driving
         closed = "it is closed, as its block ended or a run failed; open the bench anew"
         with pytest.raises(palpate.UsageError, match=closed):
             palpate.run(held, bench, out="fourth")
     assert palpate.read("third").status == "stopped"
-
-
-class Once:
-    """Asks for a pause before the first point."""
-
-    asks = True
-
-    def asked(self) -> bool:
-        asks, self.asks = self.asks, False
-        return asks
-
-    def wait(self) -> None:
-        pass
 
 
 def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -> None:
@@ -243,8 +226,9 @@ def test_after_a_pause_only_outputs_that_were_on_before_are_on(tmp_path: Path) -
         def begin(self, plan: Plan, lab: Lab, record: Recorder) -> Looking:
             return Looking(lab, self.sample, self.force)
 
+    pause = Mock(asked=Mock(side_effect=[True]))  # before the first point
     with palpate.open_bench(scene="ideal") as bench:
-        done = palpate.run(Resting(readings=1), bench, out=tmp_path / "run", pause=Once())
+        done = palpate.run(Resting(readings=1), bench, out=tmp_path / "run", pause=pause)
     assert [event["kind"] for event in done.run.events()] == ["paused", "resumed"]
 
 
@@ -280,16 +264,12 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(
     monkeypatch.chdir(tmp_path)
     Path("soft.toml").write_text(SOFT, encoding="utf-8")
 
-    def stop(done: int, _total: int, _what: str) -> None:
-        if done == 2:
-            raise KeyboardInterrupt
-
     with palpate.open_bench(scene="soft.toml", log="log.pcapng") as bench:
         whole = palpate.run(Relaxation(), bench, out="whole")
     assert 0.02 < float(str(whole.result.values["relaxed"])) < 0.9
     assert whole.result.points[-1].load_N < whole.result.points[0].load_N < 2.2
     with pytest.raises(KeyboardInterrupt), palpate.open_bench(scene="soft.toml") as bench:
-        palpate.run(Relaxation(), bench, out="cut", listeners=[steps(stop)])
+        palpate.run(Relaxation(), bench, out="cut", listeners=[steps(interrupt_at(2))])
     for call, why in (
         (lambda: palpate.replay("log.pcapng"), r"give the class to palpate\.replay in a script"),
         (
@@ -306,8 +286,7 @@ def test_a_procedure_of_ones_own_that_was_interrupted_ends_as_one_that_was_not(
             call()
     again, replayed = palpate.resume("cut", Relaxation), palpate.replay("log.pcapng", "again", Relaxation)
     assert {each.run.digest() for each in (again, replayed)} == {whole.run.digest()}
-    assert again.run.header["procedure_from"] == "relaxation.py"
-    assert again.result.summary() == whole.result.summary()
+    assert (again.run.header["procedure_from"], again.result.summary()) == ("relaxation.py", whole.result.summary())
 
 
 @pytest.mark.slow

@@ -5,17 +5,29 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import pytest
 from scipy.stats import t
 
 import palpate
-from palpate import FilmSeries, LoadSweep, PositionSweep, RangeError, UsageError, get_design
+from palpate import (
+    Characterisation,
+    FilmSeries,
+    LoadSweep,
+    ObjectModulus,
+    PositionSweep,
+    RangeError,
+    UsageError,
+    get_design,
+    get_sample,
+)
 from palpate.extend import Target
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.film_forces import PRIOR_FREEDOM
 from palpate.instrument.quantity import parse, parse_list, parse_tolerance
 from palpate.testing import steps
-from tests.procedures.conftest import Benches, Palpate, interrupt_at, refused, resumed_digest, resumes_to_the_same
+from tests.procedures.conftest import Palpate, interrupt_at, resumed_digest, resumes_to_the_same
 
 pytestmark = pytest.mark.usefixtures("own_store")
 
@@ -161,27 +173,6 @@ def test_positions_that_the_table_cannot_tell_are_named_with_those_that_it_can()
     replace(PLACES, positions=parse_list(good, "m")).plan(PAIR)
 
 
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--tolerance", "1 mm"), "--tolerance 1 mm is outside 0.01 mm to 0.6 mm; leave it out: more than one"),
-        (("--tolerance", "0 mm"), "--tolerance 0 mm is outside 0.01 mm to 0.6 mm; give one inside, such as '0.2 mm'"),
-        (("--tolerance", "5 %"), "where m belongs"),
-        (("--time", "2 min"), "one load set at each of 13 positions takes"),
-        (("--time", "0 s"), "--time 0 s is not above 0"),
-        (("--time", "300 h"), "holds more than 10000 load sets at each of 13 positions, the most of a run"),
-        (
-            ("--dwell", "1 s", "--time", "1 h"),
-            "--dwell and --time: the time determines the dwell; give only one of them",
-        ),
-    ],
-)
-def test_what_cannot_be_is_refused_before_a_bench_starts(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("sweep", "position", *arguments), benches)
-
-
 @pytest.mark.slow
 def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: Path) -> None:
     with palpate.open_bench(scene="thesis_common_base") as bench:
@@ -199,8 +190,21 @@ def test_a_sweep_stops_at_its_tolerance_or_at_its_time_and_says_which(tmp_path: 
 
 
 @pytest.mark.slow
-def test_a_sweep_that_was_cut_resumes_to_the_same(tmp_path: Path) -> None:
-    assert resumes_to_the_same(replace(PLACES, time=270.0), "thesis_common_base", 2, tmp_path)
+@pytest.mark.parametrize(
+    ("asked", "scene", "after"),
+    [
+        (replace(PLACES, time=270.0), "thesis_common_base", 2),
+        (Characterisation(loads=(2.0, 3.0, 4.0), dwell=0.2, drift_time=2.0, tolerance=0.07, time=160.0),
+         "thesis_single", 8),
+        (ObjectModulus(get_sample("2"), 0.08, relative_to_model=True, mountings=3, mounting_scatter=0.0),
+         "thesis_single", 12),
+    ],
+    ids=lambda each: getattr(each, "name", each),
+)  # fmt: skip
+def test_a_run_to_a_target_that_was_cut_resumes_to_the_same(
+    asked: palpate.Procedure[Any, Any, Any], scene: str, after: int, tmp_path: Path
+) -> None:
+    assert resumes_to_the_same(asked, scene, after, tmp_path)
 
 
 @pytest.mark.slow
@@ -209,3 +213,51 @@ def test_places_hold_the_truth_as_often_as_they_say() -> None:
 
     held, _, timed = located(*TRUTHS[0], place=10e-3, tolerance=1.8e-4, runs=100)
     assert held.met and timed.met, (held, timed)  # the deviation of 100 runs scatters by 7 %: the benchmark's 1000 tell
+
+
+# --- `calibrate films --tolerance`: loads are repeated on each tooth until its films are known  --------
+
+
+LOADS = (2.0, 3.0, 4.0)
+
+
+def series(tolerance: float, frequencies: tuple[float, ...] = (10.0,)) -> FilmSeries:
+    return FilmSeries(LOADS, frequencies, 0.2, tolerance=tolerance)
+
+
+def test_sets_come_in_whole_rounds_and_are_shared_among_frequencies() -> None:
+    one, two = (series(0.04, f).plan(REAL).predicted.details["planned"]["sets"] for f in ((10.0,), (10.0, 20.0)))
+    assert (one, two) == (12, 24)  # ten at least at each frequency, in rounds of three
+    assert series(0.015).plan(REAL).predicted.details["planned"]["binds"] == "scatter from one load set to the next"
+
+
+@pytest.mark.parametrize("frequencies", [(10.0,), (20.0, 5.0)])
+def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets(frequencies: tuple[float, ...]) -> None:
+    pair = Target(get_design("common_base"), 10.0, nodes=1)
+    plan = series(0.02, frequencies).plan(pair)
+    sets = plan.predicted.details["planned"]["sets"] // len(frequencies)
+    first = [step.seconds_expected for step in plan.steps if int(step.what.rpartition(" ")[2]) <= sets]
+    assert len(first) == 2 * len(frequencies) * sets
+    assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
+
+
+@pytest.mark.slow
+def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> None:
+    with palpate.open_bench(scene="thesis_single") as bench:
+        done = palpate.run(series(0.03), bench, out=tmp_path / "run")
+    asked = series(0.03)
+    repeats = asked.plan(replace(REAL, load_cell=THESIS_LOAD_CELL)).basis
+    assert repeats is not None
+    ends = range(len(LOADS), len(done.result.points) + 1, len(LOADS))
+    enough = [asked.has_enough(repeats, done.result.points[:end], REAL.design) for end in ends]
+    assert enough == [False] * (len(ends) - 1) + [True]
+    assert done.outcome["achieved_u"] == done.result.achieved_u < done.result.reached <= 0.03
+    assert done.outcome["predicted_u"] == pytest.approx(0.0107, rel=0.01)
+
+
+@pytest.mark.slow
+def test_sensitivities_hold_the_truth_as_often_as_they_say() -> None:
+    from tests.benchmarks.repeats import TRUTHS, pressed
+
+    rows = list(pressed(*TRUTHS[0], tolerance=0.025, runs=200))
+    assert all(row.met is not False for row in rows), rows

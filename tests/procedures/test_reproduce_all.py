@@ -13,22 +13,21 @@ from typing import Any
 import numpy as np
 import pytest
 
+from palpate import Run, get_design
+from palpate.extend import Lab
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.findings.compression import compress
 from palpate.instrument.findings.film_forces import ToothPoint
 from palpate.instrument.models.evidence import Evidence, EvidencePart, ratio_by
 from palpate.instrument.models.validation import validate
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES, get_sample
 from palpate.instrument.signals.oscilloscope import Distortion, ScopeReading
 from palpate.instrument.thesis import TableCell, read_table
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
 from palpate.procedures.measurements.load_cell.report import LoadCellPoint, LoadCellResult
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep, SweepResult, evaluate
 from palpate.procedures.measurements.modulus import ModulusResult
-from palpate.procedures.records.run import Run
 from palpate.procedures.reproduce import chapter4, chapter5, curves, everything, models
 from palpate.procedures.reproduce.chapter5 import PointTraces, Traces, distortion_sentence, quantities, read_traces
 from palpate.procedures.reproduce.criterion import LEAST_SHARE, all_means, judge
@@ -179,8 +178,7 @@ def test_an_order_of_softness_is_right_as_the_thesis_has_it_or_by_its_means_and_
 
 def test_table_5_1_is_its_own_and_its_line_stands_beside_the_printed_sensitivity() -> None:
     table = chapter5.calibration_rows(weighed())
-    assert {r.difference for r in table.rows} == {0.0}
-    assert [row.within for row in table.rows] == 16 * [True]
+    assert ({r.difference for r in table.rows}, [row.within for row in table.rows]) == ({0.0}, 16 * [True])
     assert "10.306 mV/N by the line; the printed 0.1053 mV/N is mV per gram-force, 10.74 mV/N" in table.sentences[0]
 
 

@@ -15,16 +15,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pytest
 
+from palpate import LoadCellSeries, ModulusTest, get_design
+from palpate.extend import Lab
 from palpate.instrument.models import springs
 from palpate.instrument.models.evidence import REPEATS, Evidence
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.thesis import contents, read_table
 from palpate.instrument.uncertainty import budget
 from palpate.procedures.console.terminal import silent
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.load_cell.procedure import LoadCellSeries
-from palpate.procedures.measurements.modulus import ModulusTest
 from palpate.procedures.reproduce import chapter5, everything
 from palpate.procedures.reproduce.criterion import REQUIRED
 from palpate.procedures.reproduce.figures import AREA_RATIOS, BY_RATIO, RATIO_FIGURES, WITH_THEORIES, with_area_ratio

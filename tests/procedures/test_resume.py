@@ -5,9 +5,6 @@ from __future__ import annotations
 import json
 import math
 import shutil
-import signal
-import subprocess
-import sys
 from collections.abc import Callable
 from dataclasses import MISSING, asdict, dataclass, fields
 from datetime import UTC, datetime
@@ -20,20 +17,15 @@ import pytest
 import tomli_w
 
 import palpate
-from palpate.drivers.bench import Bench
-from palpate.instrument.bench.description import read_bench
-from palpate.instrument.errors import RecordError
-from palpate.instrument.sensor.sample import get_sample
+from palpate import RecordError, Run, SoftnessTest, get_sample
+from palpate.extend import Bench, Recorder, read_bench
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.catalogue import SHIPPED, class_of
 from palpate.procedures.lab import operator
 from palpate.procedures.measurements.loads import LoadPoint, LoadSweep
-from palpate.procedures.measurements.softness import SoftnessTest
 from palpate.procedures.records.chain import HEAD_FILE
-from palpate.procedures.records.record import Recorder
 from palpate.procedures.records.record_file import as_json
 from palpate.procedures.records.resumed import Resumed, header_of, settings_of
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.pause import NOBODY
 from palpate.simulators.bench import SimulatedBench
 from palpate.testing import steps
@@ -88,20 +80,6 @@ def events(folder: str) -> list[str]:
 def whole(palpate: Palpate) -> Run:
     assert palpate(*SWEEP, "--out", "whole").status == 0
     return Run.open(Path("whole"))
-
-
-@pytest.mark.slow
-def test_a_run_that_was_stopped_twice_ends_as_one_that_was_not(palpate: Palpate, stop: Stop, whole: Run) -> None:
-    stopped(palpate, stop, 1, *SWEEP)
-    stop(2)
-    assert palpate("runs", "resume", "cut").status == 130
-    stop(0)
-    Path("cut/scene.toml").unlink()
-    said = palpate("runs", "resume", "cut", "--json").object
-    run = Run.open(Path("cut"))
-    assert (run.status, run.digest(), run.summary) == ("complete", whole.digest(), whole.summary)
-    assert (said["softness_order"], len(said["points"])) == (whole.summary["softness_order"], 3)
-    assert events("cut") == ["stopped", "continued", "stopped", "continued"]
 
 
 def test_every_procedure_is_found_by_the_name_in_its_header_and_has_its_settings_back() -> None:
@@ -244,8 +222,7 @@ def test_a_real_bench_begins_at_the_next_point_where_it_is_the_same(
     assert points[3]["bench_ns"] > ended + 60e9  # the sample is mounted anew
     assert (asked, result["mounting"]) == (["1", "2", "2"], "confirmed")
     assert [p["force_ratio"] for p in result["points"]] == [p["force_ratio"] for p in points]
-    assert events("cut") == ["stopped", "continued", "changed"]
-    assert outputs(sim) == OFF
+    assert (events("cut"), outputs(sim)) == (["stopped", "continued", "changed"], OFF)
 
 
 @pytest.mark.slow
@@ -259,10 +236,8 @@ def test_the_measurement_of_a_modulus_goes_on_on_a_real_bench_and_ends_when_it_h
     run = Run.open(Path("cut"))
     assert (run.status, run.points()[:4]) == ("complete", before)
     assert (result["sets"], result["mountings"], result["achieved_seconds"]) == (10, 2, None)
-    assert [point["mounting"] for point in run.points()] == 4 * [1] + 6 * [2]
-    assert asked == ["1", "1 anew"]
-    assert events("cut") == ["stopped", "continued", "enough"]
-    assert outputs(sim) == OFF
+    assert ([point["mounting"] for point in run.points()], asked) == (4 * [1] + 6 * [2], ["1", "1 anew"])
+    assert (events("cut"), outputs(sim)) == (["stopped", "continued", "enough"], OFF)
 
 
 @pytest.mark.slow
@@ -417,34 +392,3 @@ def test_a_run_after_those_of_a_script_goes_on_where_their_classes_are_known(
     with pytest.raises(palpate.UsageError, match=r"first: 'uninstalled' .* cannot be resumed without its class"):
         palpate.resume(gone)
     assert palpate.resume(cut).run.digest() == whole.run.digest()
-
-
-SCRIPT = """
-import os, sys, palpate
-from palpate.testing import steps
-from tests.procedures.test_resume import CHAIN
-cut, points, signal = map(int, sys.argv[1:])
-def kill(done, total, what):
-    if number == cut and done == points: os.kill(os.getpid(), signal)
-with palpate.open_bench(scene="thesis_single") as bench:
-    for number, procedure in enumerate(CHAIN):
-        print(palpate.run(procedure, bench, out=f"run{number}", listeners=[steps(kill)]).run.digest(), flush=True)
-"""
-RESUME = "import sys, palpate; print(palpate.resume(sys.argv[1]).run.digest())"
-
-
-@pytest.mark.slow
-def test_a_chain_that_was_ended_by_a_signal_goes_on_in_another_process(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    def python(folder: Path, code: str, *arguments: object) -> subprocess.CompletedProcess[str]:
-        folder.mkdir(exist_ok=True)
-        monkeypatch.setenv("PALPATE_STORE", str(folder / "store"))
-        monkeypatch.setenv("PYTHONPATH", str(Path(__file__).parents[2]))
-        command = [sys.executable, "-c", code, *map(str, arguments)]
-        return subprocess.run(command, cwd=folder, capture_output=True, text=True)
-
-    whole = python(tmp_path / "whole", SCRIPT, -1, 0, 0).stdout.split()
-    ended = python(tmp_path / "killed", SCRIPT, 1, 2, int(signal.SIGKILL))
-    assert (ended.returncode, ended.stdout.split()) == (-signal.SIGKILL, whole[:1])
-    assert python(tmp_path / "killed", RESUME, "run1").stdout.split() == [whole[1]]

@@ -15,8 +15,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from palpate.instrument.errors import RecordError, UnknownName, UsageError
-from palpate.procedures.engine.dataset import as_dataset
+from palpate import RecordError, UnknownName, UsageError, as_dataset
 from palpate.procedures.records import chain
 from palpate.procedures.records.chain import Head
 from palpate.procedures.records.damage import repair
@@ -294,8 +293,7 @@ def test_points_have_sample_and_load_and_waveforms_their_time(tmp_path: Path) ->
     second = found.set_index(point="load_N").sel(point=3.0)
     assert (second["sample"].item(), second.force_ratio.item()) == ("2", 0.2)
     assert found.time_s.values.tolist() == [index / 250 for index in range(20)]
-    assert found.rigid.attrs == {"units": "V"}
-    assert second.rigid.values.tolist() == list(range(20))
+    assert (found.rigid.attrs, second.rigid.values.tolist()) == ({"units": "V"}, list(range(20)))
     assert np.isnan(found.rigid.values[0, 10:]).all()  # it is the shorter one
     assert found.attrs["simulated"] == "true"
     assert "teeth" not in found
@@ -307,8 +305,7 @@ def test_waveforms_of_one_point_with_several_rates_have_a_time_each(tmp_path: Pa
         record.point({}, {"film": (500.0, np.arange(4.0)), "load": (10.0, np.arange(3.0))}, 2)
     found = as_dataset(Run.open(tmp_path))
     assert "time_s" not in found.coords
-    assert found.load_time_s.values.tolist() == [0.0, 0.1, 0.2, 0.3]
-    assert found.film_time_s.dims == ("point", "index")
+    assert (found.load_time_s.values.tolist(), found.film_time_s.dims) == ([0.0, 0.1, 0.2, 0.3], ("point", "index"))
     assert found.film_time_s.values[:, 3].tolist() == [3 / 250, 3 / 500]
 
 

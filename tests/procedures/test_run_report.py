@@ -51,6 +51,21 @@ def values(run: package.Run) -> list[dict[str, Any]]:
     return [{name: value for name, value in each.items() if name not in ("id", "bench_ns")} for each in run.points()]
 
 
+@pytest.fixture(scope="module")
+def measured(tmp_path_factory: pytest.TempPathFactory) -> Path:
+    """The folder of a complete run of two samples at two loads, with what it is about."""
+    folder = tmp_path_factory.mktemp("measured") / "run"
+    with package.open_bench(about={"operator": "AB", "what": EVIL}) as bench:
+        package.run(package.LoadSweep(samples=("1", "2"), loads=(2.0, 3.0), dwell=0.2), bench, out=folder)
+    return folder
+
+
+@pytest.fixture
+def swept(measured: Path, palpate: Palpate) -> Path:
+    """A copy of that run, as `run` in the test's folder."""
+    return shutil.copytree(measured, Path("run"))
+
+
 @pytest.fixture
 def drawing(palpate: Palpate, monkeypatch: pytest.MonkeyPatch) -> None:
     """Has `palpate` draw what it leaves out in other tests."""
@@ -78,10 +93,10 @@ def test_each_procedure_s_report_holds_all_that_its_command_printed_and_agrees_w
     assert len(printed) > 200 and lacking == set()
 
 
+@pytest.mark.usefixtures("swept")
 def test_a_report_says_who_what_by_which_devices_calibrations_and_software_and_with_which_verdicts(
     palpate: Palpate,
 ) -> None:
-    palpate(*SWEEP, "--out", "run", "--about", "operator = AB")
     Path("limits.toml").write_text('["force ratio of sample 1"]\nhigh = 0.01\n', encoding="utf-8")
     said = palpate("runs", "report", "run", "--limits", "limits.toml", "--json")
     report, run = json.loads(said.out), package.read("run")
@@ -98,10 +113,9 @@ def test_a_report_says_who_what_by_which_devices_calibrations_and_software_and_w
 
 
 def test_a_page_needs_nothing_else_takes_no_text_of_a_run_for_markup_and_is_the_same_each_time(
-    palpate: Palpate, drawing: None
+    palpate: Palpate, swept: Path, drawing: None
 ) -> None:
-    palpate(*SWEEP, "--out", "run", "--about", f"what = {EVIL}")
-    folder = Path("run").rename("<b>&'\"")
+    folder = swept.rename("<b>&'\"")
     for number in (1, 2):
         rehash(folder, point=lambda data: data.update(sample=EVIL), number=number)
     file, other = (Path(palpate("runs", "report", str(folder), "--json").object["report"]) for _ in range(2))
@@ -116,8 +130,8 @@ def test_a_page_needs_nothing_else_takes_no_text_of_a_run_for_markup_and_is_the_
     assert (other.name, other.read_text(encoding="utf-8")) == ("report-2.html", text)
 
 
+@pytest.mark.usefixtures("swept")
 def test_a_damaged_run_is_shown_as_far_as_it_is_whole(palpate: Palpate) -> None:
-    palpate(*SWEEP, "--out", "run")
     ratios = [f"{point['force_ratio']:.4g}" for point in package.read("run").points()]
     record = Path("run/run.record")
     flip(record, b'"sample":"2"')
@@ -166,8 +180,8 @@ def test_a_run_that_ended_early_is_shown_with_the_points_that_it_has(
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("swept")
 def test_a_header_of_another_kind_makes_a_report_or_one_error(palpate: Palpate) -> None:
-    palpate(*SWEEP, "--out", "run")
     for number, key in enumerate(package.read("run").header):
         copy = Path(shutil.copytree("run", f"{number}"))
         rehash(copy, header=lambda header, key=key: header.update({key: EVIL}))  # type: ignore[misc]
@@ -178,8 +192,8 @@ def test_a_header_of_another_kind_makes_a_report_or_one_error(palpate: Palpate) 
             assert "script" not in read(said.object["report"]).tags
 
 
+@pytest.mark.usefixtures("swept")
 def test_a_run_that_another_version_computed_otherwise_is_told(palpate: Palpate) -> None:
-    palpate(*SWEEP, "--out", "run")
     rehash(Path("run"), point=lambda data: data.update(force_ratio=0.5), number=1)
     (told,) = palpate("runs", "report", "run", "--json").object["runs"]
     assert "samples" in told["warning"]
@@ -279,8 +293,8 @@ def _shared_variance(one: dict[str, Any], other: dict[str, Any]) -> float:
     return variance
 
 
+@pytest.mark.usefixtures("swept")
 def test_points_are_compared_with_those_of_the_same_step_whatever_their_order(palpate: Palpate) -> None:
-    palpate(*SWEEP, "--out", "run")
     run = package.read("run")
     changed = values(run)[::-1]
     changed[1]["force_ratio"] += 3 * changed[1]["force_ratio_u"]
@@ -302,8 +316,8 @@ def test_points_are_compared_with_those_of_the_same_step_whatever_their_order(pa
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("swept")
 def test_the_points_of_one_step_are_compared_in_their_order_and_only_the_greatest_are_told(palpate: Palpate) -> None:
-    palpate(*SWEEP, "--out", "run")
     run = package.read("run")
     point = values(run)[0]
     for name, sign in (("one", 1), ("two", -1)):
@@ -335,8 +349,8 @@ def test_a_setting_that_is_a_table_is_told_in_words(palpate: Palpate) -> None:
 # --- what is refused -----------------------------------------------------------------------------------
 
 
+@pytest.mark.usefixtures("swept")
 def test_bad_input_is_one_error_with_its_remedy_and_leaves_no_file(palpate: Palpate) -> None:
-    palpate(*SWEEP, "--out", "run")
     palpate("calibrate", "load-cell", "--loads", "1.5 N, 4 N, 7 N", "--out", "cell")
     Path("there.html").write_text("mine", encoding="utf-8")
     Path("link.html").symlink_to("nowhere.html")

@@ -16,24 +16,18 @@ import numpy as np
 import pytest
 
 import palpate as package
-from palpate.drivers.bench import Bench
-from palpate.drivers.devices.modbus_device import ModbusDevice
+from palpate import LoadSweep, Run, get_design
 from palpate.drivers.devices.sample_changer import ModbusSampleChanger
+from palpate.extend import Bench, Lab, ModbusDevice, Recorder, Scene
 from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
 from palpate.instrument.errors import SampleError
-from palpate.instrument.sensor.designs import get_design
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.instrument.signals.estimate import fit_sine
 from palpate.procedures.console.terminal import Progress
 from palpate.procedures.engine.conduct import conduct
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.loads import LoadSweep
 from palpate.procedures.records.chain import RECORD
-from palpate.procedures.records.record import Recorder
-from palpate.procedures.records.run import Run
 from palpate.simulators.bench import SimulatedBench
 from palpate.simulators.clock import VirtualClock
-from palpate.simulators.scenes.scene import Scene
 from palpate.testing import steps
 from tests.chance import amplitude_ratio
 from tests.examples.relaxation import Relaxation
@@ -62,21 +56,6 @@ def ended_safe(benches: Benches, status: str) -> None:
     assert outputs(benches[0]) == OFF
     run = Run.open(Path("day"))
     assert (run.status, [p["load_N"] for p in run.points()][:1]) == (status, [2.0])
-
-
-def test_a_terminal_that_is_closed_while_the_shaker_is_driven_switches_it_off(
-    palpate: Palpate, benches: Benches, on_progress: Any
-) -> None:
-    driven: list[tuple[bool, bool, float]] = []
-
-    def interrupt() -> None:
-        driven.append(outputs(benches[0]))
-        send(signal.SIGHUP)
-
-    on_progress(at_second_load(interrupt))
-    assert palpate(*SMALL).status == 128 + signal.SIGHUP
-    assert driven[0][:2] == (True, True) and driven[0][2] > 0
-    ended_safe(benches, "stopped")
 
 
 @pytest.mark.parametrize("device", first_of(["amplifier", "generator"]))
@@ -237,18 +216,6 @@ def test_a_killed_sweep_keeps_every_point_it_reported(
     check_reported(run, end.reported)
     shown = palpate("runs", "show", "run", "--json").object
     assert (shown["points"], shown["status"], shown["simulated"]) == (run.points(), "running", True)
-
-
-@pytest.mark.slow
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-def test_a_sweep_that_is_told_to_stop_ends_with_its_outputs_off(
-    commands: Commands, tmp_path: Path, number: signal.Signals
-) -> None:
-    end = commands.signalled(number, "tick", 110, *SWEEP, str(tmp_path / "run"))
-    assert (end.status, end.outputs, end.reported > 0) == (128 + number, OFF, True)
-    run = Run.open(tmp_path / "run")
-    assert run.status == "stopped"
-    check_reported(run, end.reported)
 
 
 @pytest.mark.slow

@@ -1,33 +1,30 @@
-"""The load is brought to where it should be, and the shaker stops where it should not be, or does not start."""
+"""A load is brought to where it should be, slowly or quickly, and the shaker stops where it should not be."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
 import pytest
 
-from palpate.drivers.bench import Bench
+from palpate import Run
 from palpate.drivers.devices import sensor_node
 from palpate.drivers.devices.sensor_node import CanopenSensorNode, Recording, acquire
-from palpate.instrument.arrays import Floats
-from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL
+from palpate.extend import Bench, DynamicLoadWork, Floats, Lab, Recorder, StaticLoadWork
+from palpate.instrument.calibration.load_cell import THESIS_LOAD_CELL, LoadCellCalibration
 from palpate.instrument.errors import BenchError, DeviceError, PalpateError, SafetyError, SettingsLost, UnreachableError
 from palpate.instrument.sensor.designs import DESIGNS
 from palpate.instrument.sensor.sample import SAMPLES
 from palpate.procedures.console.terminal import Progress
-from palpate.procedures.lab.lab import Lab
-from palpate.procedures.measurements.work import StaticLoadWork
-from palpate.procedures.records.run import Run
 from palpate.procedures.steps.films import SHORT_RECORD
-from palpate.procedures.steps.probe import check_zero, preload
+from palpate.procedures.steps.probe import APPROACH_STEP, approach, check_zero, preload
 from palpate.procedures.steps.servo import PATIENCE, LoadServo
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import OFF, Palpate, happens_in, outputs, sweep
+from tests.procedures.conftest import HEADER, OFF, Palpate, happens_in, outputs, sweep
 from tests.shares import first_of
 
 PRELOAD = 2.4  # N
@@ -109,11 +106,16 @@ def test_the_probe_is_pressed_on_with_the_preload(sim: SimulatedBench, bench: Be
     assert now(sim).mean() == pytest.approx(PRELOAD, rel=0.05, abs=0.05)
 
 
-def test_a_preload_beyond_the_travel_is_refused(bench: Bench) -> None:
+def quickly(bench: Bench, calibration: LoadCellCalibration, force: float) -> None:
+    approach(bench, calibration, force, "it")
+
+
+@pytest.mark.parametrize("press", [preload, quickly])
+def test_a_preload_beyond_the_travel_is_refused(bench: Bench, press: Callable[..., object]) -> None:
     bench.operator.mount(SAMPLES["2"])
     bench.device("positioner").set_limits(0.0, 10e-3)
     with pytest.raises(UnreachableError, match=r"preload of 2\.4 N is not reached: .* ends at 10\.000 mm"):
-        preload(bench, THESIS_LOAD_CELL, PRELOAD)
+        press(bench, THESIS_LOAD_CELL, PRELOAD)
 
 
 def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBench) -> None:
@@ -125,14 +127,15 @@ def test_a_preload_above_the_force_limit_sends_the_probe_home(sim: SimulatedBenc
     assert now(sim).max() == 0.0
 
 
+@pytest.mark.parametrize("press", [preload, quickly])
 def test_an_open_bridge_ends_the_approach_and_gives_no_steady_force(
-    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch
+    sim: SimulatedBench, bench: Bench, monkeypatch: pytest.MonkeyPatch, press: Callable[..., object]
 ) -> None:
     work = StaticLoadWork(Lab(bench, DESIGNS["single"], THESIS_LOAD_CELL), "1", PRELOAD)
     bench.operator.mount(SAMPLES["1"])
     open_bridge(sim, monkeypatch)
-    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open"):
-        preload(bench, THESIS_LOAD_CELL, PRELOAD)
+    with pytest.raises(DeviceError, match=r"no valid reading at 2\.\d+ mm: bridge open; check the bridge"):
+        press(bench, THESIS_LOAD_CELL, PRELOAD)
     with pytest.raises(DeviceError, match="no valid reading under load: bridge open"):
         work.load()
 
@@ -340,8 +343,7 @@ def test_a_calibration_of_another_zero_is_not_used_where_it_differs_by_more_than
 def test_the_scene_kept_with_a_run_gives_that_run_again(palpate: Palpate) -> None:
     first = palpate(*SMALL, "--seed", "7", "--model", "column", "--out", "first", "--json").object
     again = palpate(*SMALL, "--scene", "first/scene.toml", "--out", "again", "--json").object
-    assert (again["seed"], again["model"]) == (7, "column")
-    assert again["points"] == first["points"]
+    assert (again["seed"], again["model"], again["points"]) == (7, "column", first["points"])
     assert Run.open(Path("again")).digest() == Run.open(Path("first")).digest()
 
 
@@ -352,3 +354,130 @@ def test_a_real_bench_does_not_sweep_on_the_thesis_calibration(
     spoken = palpate(*SMALL)
     assert spoken.status == 2
     assert "has no calibration; run palpate calibrate load-cell" in spoken.complaint
+
+
+# --- Bench time saved where only the ratio is sought: a quick approach, and load sets at a know --------
+
+
+LOAD, LIGHT = 2.0, 1.2  # N
+
+
+@dataclass
+class Set:
+    """A bench on which a load was set once by the load cell."""
+
+    sim: SimulatedBench
+    work: DynamicLoadWork
+
+
+@pytest.fixture
+def first(sim: SimulatedBench, bench: Bench, tmp_path: Path) -> Iterator[Set]:
+    with Recorder.create(tmp_path, HEADER) as record:
+        work = DynamicLoadWork(Lab(bench, sim.scene.design, THESIS_LOAD_CELL), record, (LOAD,), 10.0)
+        bench.operator.mount(SAMPLES["1"])
+        work.hold(approach(bench, THESIS_LOAD_CELL, LIGHT, "sample 1").force)
+        work.measured(LOAD, "first", 0.1)
+        yield Set(sim, work)
+
+
+# --- load sets -----------------------------------------------------------------------------------------
+
+
+def test_a_set_made_again_is_a_new_one_and_takes_half_a_second_beside_its_dwell(first: Set) -> None:
+    sets, amplitude, began = [], first.work.servo.amplitude, first.sim.clock.now_ns()
+    for _ in range(4):
+        point = first.work.again(LOAD, "again", 0.1)
+        assert point.valid
+        assert point.load_measured_N == pytest.approx(LOAD, abs=0.1)
+        sets.append(first.sim.rig.set_at_ns)
+    assert (len(set(sets)), first.work.servo.amplitude) == (4, amplitude)
+    assert first.sim.clock.now_ns() - began <= 4 * (0.5 + 0.1 + 0.1) * 1e9
+
+
+def test_the_drive_is_off_for_a_cycle_before_a_set_is_made_again(first: Set) -> None:
+    began = first.sim.clock.now_ns()
+    first.work.servo.again()
+    assert first.sim.clock.now_ns() - began == 100_000_000
+    time = np.arange(began + 60_000_000, began + 100_000_000, 500_000)
+    assert np.ptp(first.sim.rig.cell_force(time)) < 0.05 * LOAD
+
+
+@pytest.mark.parametrize("moment", [0.15, 0.45])  # s: while the films settle, in the dwell
+def test_too_much_force_stops_a_set_that_is_made_again(first: Set, moment: float) -> None:
+    first.work.lab.bench.force_limit = LIGHT + LOAD
+    happened = first.sim.clock.now_ns() + round(1e9 * moment)
+    happens_in(first.sim, moment, lambda: stiffen(first.sim))
+    with pytest.raises(SafetyError, match="passes the bench's limit"):
+        first.work.again(LOAD, "again", 0.2)
+    assert outputs(first.sim) == OFF
+    assert first.sim.clock.now_ns() - happened <= 0.4e9
+
+
+def test_a_load_that_has_drifted_is_set_by_the_load_cell_anew(first: Set) -> None:
+    stiffen(first.sim, 1.3)
+    point = first.work.again(LOAD, "again", 0.1)
+    assert (point.attempts, point.valid, point.load_measured_N) == (2, True, pytest.approx(LOAD, abs=0.1))
+
+
+@pytest.mark.parametrize("glance", [False, True])
+def test_an_open_bridge_stops_a_set_that_is_made_again_at_a_glance_before_its_dwell(
+    first: Set, monkeypatch: pytest.MonkeyPatch, glance: bool
+) -> None:
+    first.work.servo.glance()
+    open_bridge(first.sim, monkeypatch)
+    with pytest.raises(DeviceError, match="no valid reading while driving: bridge open; outputs are off"):
+        first.work.servo.glance() if glance else first.work.again(LOAD, "again", 0.1)
+    assert outputs(first.sim) == OFF
+
+
+# --- the approach --------------------------------------------------------------------------------------
+
+
+def test_the_approach_reaches_the_force_in_a_third_of_the_time(sim: SimulatedBench, bench: Bench) -> None:
+    bench.operator.mount(SAMPLES["2"])
+    times = []
+    for press in (preload, lambda *given: approach(*given, "it").force):
+        bench.device("positioner").home()
+        began = sim.clock.now_ns()
+        assert (press(bench, THESIS_LOAD_CELL, LIGHT), now(sim).mean()) == (
+            pytest.approx(LIGHT, rel=0.05),
+            pytest.approx(LIGHT, rel=0.1),
+        )
+        times.append(1e-9 * (sim.clock.now_ns() - began))
+    assert times[1] < 8
+    assert 2.8 * times[1] < times[0]
+
+
+@pytest.fixture
+def moves(bench: Bench, monkeypatch: pytest.MonkeyPatch) -> list[float]:
+    """Positions to which the probe was sent [m]."""
+    sent: list[float] = []
+    positioner = bench.device("positioner")
+    move = positioner.move
+    monkeypatch.setattr(positioner, "move", lambda target, speed: (sent.append(target), move(target, speed)))
+    return sent
+
+
+def test_no_step_is_longer_than_a_slow_one_and_what_is_known_to_be_free_is_crossed_in_one_move_but_for_one_step(
+    bench: Bench, moves: list[float]
+) -> None:
+    bench.operator.mount(SAMPLES["1"])
+    first = approach(bench, THESIS_LOAD_CELL, LIGHT, "it")
+    assert np.abs(np.diff([0.0, *moves])).max() <= APPROACH_STEP * (1 + 1e-12)
+    assert 0 < first.free < first.position
+    bench.device("positioner").home()
+    before = len(moves)
+    again = approach(bench, THESIS_LOAD_CELL, LIGHT, "it", free_until=first.free)
+    assert moves[before] == pytest.approx(first.free - APPROACH_STEP)
+    assert len(moves) - before < before
+    assert again.force == pytest.approx(LIGHT, rel=0.05)
+
+
+@pytest.mark.parametrize("known", [0.0, 16e-3])  # what is said to be free is not
+def test_a_force_above_the_limit_sends_the_probe_home(sim: SimulatedBench, known: float) -> None:
+    with limited(sim, 0.8) as bench:
+        bench.operator.mount(SAMPLES["1"])
+        with pytest.raises(SafetyError, match=r"passes the bench's force limit of 0\.8 N"):
+            approach(bench, THESIS_LOAD_CELL, LIGHT, "it", free_until=known)
+        assert bench.device("positioner").position() == 0.0
+    assert now(sim).max() == 0.0

@@ -22,7 +22,7 @@ from palpate.procedures.measurements.softness import (
     price_of,
     ranked_lines,
 )
-from tests.procedures.conftest import Benches, Palpate, refused, resumed_digest
+from tests.procedures.conftest import Palpate, resumed_digest
 
 SINGLE = get_design("single")
 REAL = Target(SINGLE, 10.0, nodes=1)
@@ -91,26 +91,6 @@ def test_the_command_finds_the_modulus_of_an_unknown_object_and_gives_the_public
     assert result["softness_order"] == ["90 kPa", "45 kPa"]
     for each, true in zip(result["objects"], (45e3, 90e3), strict=True):
         assert each["scale_low_Pa"] < true < each["scale_high_Pa"]
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        ((), "--samples or --modulus is missing: name the objects that the simulated bench touches"),
-        (("--samples", "1", "--modulus", "1 kPa"), "either samples or moduli of unknown objects, not both"),
-        (("--samples", "8"), "unknown sample '8'"),
-        (("--samples", "1", "--model", "colum"), "unknown model 'colum'"),
-        (("--samples", "1", "--loads", "30 N"), "above the bench's force limit of 10 N"),
-        (("--samples", "1", "--dwell", "0 s"), "dwell 0 s is not above 0"),
-        (("--samples", "1", "--thickness", "3 mm", "--modulus", "1 kPa"), "not both"),
-        (("--modulus", "1 kPa", "--thickness", "0 mm"), "--thickness: '0 mm' is not above 0"),
-        (("--modulus", "50 kPa, 50 kPa"), "give at least one, and each only once"),
-    ],
-)
-def test_what_cannot_be_measured_is_one_error_before_anything_moves(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("softness", *arguments), benches)
 
 
 def test_objects_of_several_thicknesses_are_refused() -> None:
@@ -183,20 +163,3 @@ def test_the_command_says_which_objects_it_could_not_tell_and_what_would(palpate
     assert (sorted(left["objects"]), found["alike"]) == (["60 kPa", "60.5 kPa"], [left["objects"]])
     assert left["sets"] is None or left["sets"] > 2
     assert (found["risk"], found["achieved_risk"], found["sets"]) == (0.05, None, {"60 kPa": 2, "60.5 kPa": 2})
-
-
-@pytest.mark.parametrize(
-    ("arguments", "message"),
-    [
-        (("--samples", "1", "--risk", "5%"), "one object has no order; name two or more"),
-        (("--samples", "1,2", "--risk", "1e-7"), "--risk 1e-07 is outside 1e-06 to 0.5"),
-        (("--samples", "1,2", "--risk", "5%", "--sets", "0"), "--sets 0 is outside 1 to 100"),
-        (("--samples", "1,2", "--sets", "3"), "--sets is for --risk"),
-        (("--samples", "3,5", "--risk", "0.1%", "--sets", "2"), "gain scatter leaves a risk of 2 % that 3 and 5"),
-        (("--samples", "3,5", "--risk", "0.1%", "--sets", "2"), "best now  --risk '2.1 %'\n  or        --sets 12"),
-    ],
-)
-def test_what_cannot_be_is_refused_before_anything_moves(
-    palpate: Palpate, benches: Benches, arguments: tuple[str, ...], message: str
-) -> None:
-    assert message in refused(palpate("softness", *arguments), benches)

@@ -83,8 +83,7 @@ def test_where_processes_cannot_be_had_one_thread_computes_whatever_number_of_wo
 
     monkeypatch.setattr("palpate.procedures.virtual.study_cell.ProcessPoolExecutor", refused)
     with executor_of(4, None) as (executor, count):
-        assert count == 1
-        assert executor.submit(os.getpid).result() == os.getpid()
+        assert (count, executor.submit(os.getpid).result()) == (1, os.getpid())
     assert "make /dev/shm writable" in capsys.readouterr().err
 
 

@@ -8,6 +8,7 @@ import pty
 from pathlib import Path
 from statistics import fmean
 from typing import TYPE_CHECKING, Any
+from unittest.mock import Mock
 
 import numpy as np
 import pytest
@@ -30,7 +31,7 @@ from palpate.procedures.measurements.frequency import (
 )
 from palpate.procedures.steps.checks import parse_loads
 from palpate.simulators.bench import SimulatedBench
-from tests.procedures.conftest import HEADER, IDEAL_SCENE, OFF, Benches, Palpate, outputs, refused
+from tests.procedures.conftest import HEADER, IDEAL_SCENE, OFF, Benches, Palpate, outputs
 from tests.shares import first_of
 
 if TYPE_CHECKING:
@@ -108,30 +109,15 @@ def test_a_dry_run_prints_the_plan_and_sends_nothing(palpate: Palpate, benches: 
 # --- pauses ----------------------------------------------------------------------------------------------
 
 
-class Once:
-    """Asks for a pause before the second point, and looks at the outputs meanwhile."""
-
-    def __init__(self, sim: SimulatedBench) -> None:
-        self._sim = sim
-        self._points = 0
-        self.seen: list[tuple[bool, bool, float]] = []
-
-    def asked(self) -> bool:
-        self._points += 1
-        return self._points == 2
-
-    def wait(self) -> None:
-        self.seen.append(outputs(self._sim))
-        self._sim.clock.wait(600.0)
-
-
 def test_a_pause_switches_off_and_the_load_is_set_anew(sim: SimulatedBench, bench: Bench, tmp_path: Path) -> None:
     lab = Lab(bench, get_design("single"), THESIS_LOAD_CELL)
-    pause = Once(sim)
+    seen: list[tuple[bool, bool, float]] = []
+    pause = Mock(asked=Mock(side_effect=[False, True]))  # before the second point
+    pause.wait.side_effect = lambda: (seen.append(outputs(sim)), sim.clock.wait(600.0))
     with Recorder.create(tmp_path / "run", HEADER) as record:
         result = conduct(LoadSweep(("1",), (2.0, 3.0), 0.2), lab, record, pause=pause)
         record.finish("complete", result.summary())
-    assert (pause.seen, [(p.load_N, p.valid) for p in result.points]) == ([OFF], [(2.0, True), (3.0, True)])
+    assert (seen, [(p.load_N, p.valid) for p in result.points]) == ([OFF], [(2.0, True), (3.0, True)])
     assert result.points[1].load_measured_N == pytest.approx(3.0, abs=0.12)
     assert [event["kind"] for event in Run.open(tmp_path / "run").events()] == ["paused", "resumed"]
 
@@ -155,21 +141,20 @@ def test_the_key_p_asks_for_a_pause_and_ends_it(capsys: pytest.CaptureFixture[st
         os.close(terminal)
 
 
-def test_without_loads_each_sensor_has_those_of_its_tables_by_command_and_in_python(palpate: Palpate) -> None:
+def test_without_loads_each_sensor_has_those_of_its_tables_by_command_in_python_and_in_the_record(
+    palpate: Palpate,
+) -> None:
     """Tables A2.9 to A2.14 end at 4 N, Tables A2.15 to A2.20 at 4.5 N: their printed means are of six and of seven."""
     for scene, sets in (("thesis_single", 6), ("thesis_common_base", 7), ("thesis_different_base", 6)):
         planned = palpate("sweep", "loads", "--scene", scene, "--samples", "1", "--dry-run", "--json").object["points"]
         assert [each["load_N"] for each in planned] == [1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5][:sets]
-    with open_bench(scene="thesis_common_base") as bench:
-        assert len(plan(LoadSweep(samples=("1",)), bench).steps) == 7
-        assert len(plan(LoadSweep(samples=("1",), loads=(2.0, 3.0)), bench).steps) == 2
-
-
-def test_the_loads_that_a_sensor_filled_in_are_in_the_record(palpate: Palpate) -> None:
-    palpate("sweep", "loads", "--scene", "thesis_common_base", "--samples", "1", "--dwell", "0.2 s", "--out", "run")
+    palpate("sweep", "loads", "--scene", "thesis_common_base", "--samples", "1", "--dwell", "0.1 s", "--out", "run")
     run = Run.open(Path("run"))
     assert run.header["settings"]["loads"] == [1.5, 2.0, 2.5, 3.0, 3.5, 4.0, 4.5]
     assert [point["valid"] for point in run.points()] == [True] * 7
+    with open_bench(scene="thesis_common_base") as bench:
+        assert len(plan(LoadSweep(samples=("1",)), bench).steps) == 7
+        assert len(plan(LoadSweep(samples=("1",), loads=(2.0, 3.0)), bench).steps) == 2
 
 
 # --- `palpate sweep position` -------------------------------------------------------------------------
@@ -384,49 +369,3 @@ def test_every_scene_whose_films_warm_up_gives_what_each_change_adds_and_no_othe
     assert [point["step_K"] for point in points] == [0.5, -5, 15, 0]
     assert off_by(points, settling) < 2
     assert sum(point["valid"] for point in points) >= 3
-
-
-@pytest.mark.parametrize(
-    ("command", "arguments", "message"),
-    [
-        (POSITION, ("--positions", "12 mm"), "1 position cannot make a sweep; give 2 or more"),
-        (POSITION, ("--positions", "12 mm, 6 mm"), "positions 12 mm, 6 mm must be increasing and distinct"),
-        (
-            POSITION,
-            ("--positions", "0 mm:26 mm:2 mm"),
-            "position 26 mm is off the sensor, which reaches from 0 to 24 mm",
-        ),
-        (POSITION, ("--positions", "1 N, 2 N"), "'1 N' is in N where m belongs"),
-        (POSITION, ("--scene", "thesis_single"), "point loads are known for design 'common_base'"),
-        (POSITION, ("--sample", "9"), "unknown sample '9'"),
-        (POSITION, ("--dwell", "50 ms"), "below one cycle"),
-        (POSITION, ("--load", "9.5 N"), "above the bench's force limit"),
-        (FREQUENCY, ("--frequencies", "1 Hz, 2 Hz"), "2 frequencies; give 3 to 200 to find a corner"),
-        (FREQUENCY, ("--frequencies", "1 Hz:2 Hz:2"), "a count of 3 to 200"),
-        (FREQUENCY, ("--frequencies", "3 Hz, 2 Hz, 5 Hz"), "they must increase"),
-        (FREQUENCY, ("--frequencies", "0.01 Hz, 1 Hz, 2 Hz"), "frequency 0.01 Hz is outside 0.1 to 100 Hz"),
-        (FREQUENCY, ("--frequencies", "1 Hz, 9 Hz, 1 kHz"), "frequency 1000 Hz is outside 0.1 to 100 Hz"),
-        (FREQUENCY, ("--frequencies", "1.00049 Hz, 2 Hz, 3 Hz"), "lies between the exciter's steps"),
-        (FREQUENCY, ("--dwell", "2 h"), "dwell 7200 s is not above 0 and at most 3600 s"),
-        (FREQUENCY, ("--dwell", "-1 s"), "dwell -1 s is not above 0"),
-        (FREQUENCY, ("--load", "0 N"), "load 0 N peak to peak is not above zero"),
-        (FREQUENCY, ("--load", "9.5 N"), "above the bench's force limit of 10 N"),
-        (FREQUENCY, ("--sample", "7"), "unknown sample '7'"),
-        (TEMPERATURE, ("--temperatures", "0 K, 5 K"), "make 2 different changes; 3 to 50 give a slope"),
-        (TEMPERATURE, ("--temperatures", "0 K, 5 K, 10 K, 15 K"), "make 2 different changes"),
-        (
-            TEMPERATURE,
-            ("--temperatures", "0 K, 20 K, 70 K"),
-            "temperature 70 K relative to the start is outside -20 to 40 K",
-        ),
-        (TEMPERATURE, ("--temperatures", "0, 5, 15"), "'0' has no unit where K belongs"),
-        (TEMPERATURE, ("--soak", "-1 s"), "soak -1 s is outside 0 to 86400 s"),
-        (TEMPERATURE, ("--dwell", "50 ms"), "dwell 50 ms is below one cycle of 10 Hz"),
-        (TEMPERATURE, ("--frequency", "1 kHz"), "frequency 1000 Hz is outside 0.5 to 100 Hz"),
-        (TEMPERATURE, ("--load", "9.5 N"), "above the bench's force limit of 10 N"),
-    ],
-)
-def test_what_cannot_be_swept_is_refused_before_a_bench_starts(
-    palpate: Palpate, benches: Benches, command: tuple[str, str], arguments: tuple[str, str], message: str
-) -> None:
-    assert message in refused(palpate(*command, *arguments), benches)

@@ -174,8 +174,7 @@ def test_an_interval_by_monte_carlo_is_judged_by_its_ends(tmp_path: Path) -> Non
     for result in done.result.budgets:
         limits = {result.budget.quantity: {"high": f"{result.high!r} {result.budget.unit}".strip(), "risk": 0.02}}
         (verdict,) = palpate.judge(done.run, limits).verdicts
-        assert verdict.outside == pytest.approx(0.025)
-        assert verdict.outcome == "undecided"
+        assert (verdict.outside, verdict.outcome) == (pytest.approx(0.025), "undecided")
 
 
 # --- the commands --------------------------------------------------------------------------------------
