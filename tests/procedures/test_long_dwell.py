@@ -65,6 +65,7 @@ def kinds(folder: str) -> list[tuple[str, int]]:
 # --- in a procedure ------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 def test_a_run_that_ended_within_a_dwell_goes_on_there_and_is_as_one_that_did_not(
     palpate: Palpate, cut_short: CutShort
 ) -> None:
