@@ -53,6 +53,10 @@ PARTS = {
         ("tests/instrument/test_contract*.py", "tests/instrument/test_export.py",
          "tests/drivers/test_golden_frames.py"),
     ),
+    "effects": Part(
+        ("simulators/effects/*.py",),
+        ("tests/simulators/test_effects*.py", "tests/simulators/test_shares.py", "tests/simulators/test_omission.py"),
+    ),
     "policy": Part(
         ("procedures/steps/policy.py",),
         (

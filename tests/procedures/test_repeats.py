@@ -241,6 +241,15 @@ def test_the_time_of_the_plan_is_that_of_the_steps_of_the_planned_sets(frequenci
     assert plan.predicted.seconds == pytest.approx(sum(first), rel=1e-9)
 
 
+def test_sets_are_enough_after_a_whole_round_if_by_their_own_scatter_the_mean_has_the_tolerance() -> None:
+    repeats = series(0.04).plan(REAL).basis
+    assert repeats is not None
+    alike, apart = [1e-3, 1.01e-3] * 6, [1e-3, 1.3e-3] * 6
+    assert [repeats.is_enough(count, alike[:count]) for count in (0, 9, 10, 11, 12)] == [False] * 4 + [True]
+    assert not repeats.is_enough(12, apart)
+    assert not repeats.is_enough(12, alike, apart)  # of two films each must be known
+
+
 @pytest.mark.slow
 def test_a_run_ends_when_both_films_are_known_well_enough(tmp_path: Path) -> None:
     with palpate.open_bench(scene="thesis_single") as bench:
