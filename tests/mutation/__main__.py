@@ -1,6 +1,6 @@
 """Mutation testing: small mistakes are put into the code one by one, and tests must find them.
 
-    python -m tests.mutation drivers policy contracts record     all mistakes in these parts
+    python -m tests.mutation drivers policy contracts effects record   all mistakes in these parts
     python -m tests.mutation drivers --share 0.1                 one in ten of them
     python -m tests.mutation instrument/signals/noise.py         in one file
     python -m tests.mutation --since HEAD~3                      in the lines changed since a commit
