@@ -284,14 +284,14 @@ def _asked(link: ReadOnlyCan, at: CanBus, node: int, kinds: Sequence[DeviceKind]
 
     with suppress(DeviceError):  # a node that aborts answers
         link.upload(f"node {node}", asked, DEVICE_TYPE, 0)
-    answers = _said(read)
+    answers = _self_description(read)
     simulated = read(HARDWARE) == b"simulated"
     own = [kind for kind in kinds if kind.contract.bus == "canopen"]
     fit = fitting(own, lambda kind: CanopenNode(link, node, WallClock(), kind.contract))
     return FoundDevice("canopen", at, node, answers, fit.serial, fit.fits, fit.candidates, fit.doubt, simulated)
 
 
-def _said(read: Callable[..., bytes]) -> str:
+def _self_description(read: Callable[..., bytes]) -> str:
     """What a node says of itself: its name, device type and identity."""
     words = [read(NAME).decode("ascii", "replace").rstrip("\0")]
     numbers = [("type", read(DEVICE_TYPE))]
@@ -332,7 +332,7 @@ class ModbusSearch:
     where: str
     kinds: Sequence[DeviceKind]
     _came: bytes = field(default=b"", init=False)
-    _told: set[str] = field(default_factory=set, init=False)
+    _reported: set[str] = field(default_factory=set, init=False)
 
     def __post_init__(self) -> None:
         """Keep what comes in answer to a request."""
@@ -391,10 +391,10 @@ class ModbusSearch:
                 f"{len(self._came)} bytes came that are no valid reply ({self._came[:8].hex(' ')}): noise, an echo, "
                 "another baud rate or parity, or two devices at this unit id"
             )
-        elif (what := why.partition(" came")[0]) in self._told:
+        elif (what := why.partition(" came")[0]) in self._reported:
             return
         else:
-            self._told.add(what)
+            self._reported.add(what)
         self.search.heard.append(f"{self.where} unit {unit}: {why}")
 
     def _described(self, unit: int) -> FoundDevice:

@@ -36,11 +36,27 @@ from palpate.simulators.planning.settle import read_scene
 from palpate.simulators.rig import Mounted
 from palpate.simulators.wire.device import Refused
 
+# What both programs below begin with: a first sweep uses everything once; then they say how many points a run has.
+SAYING = """
+with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
+    sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]
+    main()
+
+def say(*words):
+    os.write(1, (" ".join(map(str, words)) + "\\n").encode())
+
+@contextlib.contextmanager
+def progress(self):
+    yield lambda done, total, what: say("point", done)
+Output.progress = progress
+"""
+
 # Reads command lines, each a JSON list, and forks a process for each, with everything imported and used once. That says
 # "tick" at each wait, "point" with the number of points when it reports them, and "off" with its outputs at the end.
 # Asked by SIGUSR1, it says "left" with the amplifier's output now, and after the watchdog's time in a bench that nobody
 # speaks to: at the next wait, when no request is under way, a copy of the process lets that time pass.
-COMMAND = """
+COMMAND = (
+    """
 import contextlib, json, os, signal, sys, tempfile
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
 from palpate.instrument.quantity import parse
@@ -56,18 +72,9 @@ from palpate.simulators.clock import VirtualClock
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
 parse("1 N", "N")
-with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
-    sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]
-    main()
-
-def say(*words):
-    os.write(1, (" ".join(map(str, words)) + "\\n").encode())
-
-@contextlib.contextmanager
-def progress(self):
-    yield lambda done, total, what: say("point", done)
-Output.progress = progress
-
+"""
+    + SAYING
+    + """
 def volts():
     output = Told.bench.amplifier.voltage()
     return abs(output.mean) + sum(abs(output.amplitude))
@@ -115,6 +122,7 @@ for line in sys.stdin:
     say("pid", child)
     say("end", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
+)
 
 
 @contextmanager
@@ -259,7 +267,8 @@ SIGNALS = (signal.SIGKILL, signal.SIGKILL, signal.SIGINT, signal.SIGTERM, signal
 
 # Reads commands, a line each: where stderr goes, the socket of the bench's clock, and the words. Forks a process for
 # each, with everything imported and used once; says its process id, each point that it reports, and how it ended.
-CLIENT = """
+CLIENT = (
+    """
 import contextlib, json, os, signal, socket, sys, tempfile, threading
 import canopen, matplotlib.figure, pymodbus, scipy.interpolate
 from palpate.procedures.measurements import loads
@@ -270,18 +279,9 @@ from palpate.procedures.lab import open as session
 from palpate.procedures.commands.options import Output
 
 matplotlib.figure.Figure.savefig = lambda self, path, **options: open(path, "w").close()
-with tempfile.TemporaryDirectory() as folder, contextlib.suppress(SystemExit):
-    sys.argv = ["palpate", "sweep", "loads", "--quiet", "--samples", "1", "--loads", "2 N", "--out", folder + "/first"]
-    main()
-
-def say(*words):
-    os.write(1, (" ".join(map(str, words)) + "\\n").encode())
-
-@contextlib.contextmanager
-def progress(self):
-    yield lambda done, total, what: say("point", done)
-Output.progress = progress
-
+"""
+    + SAYING
+    + """
 class BenchClock:
     goes_on = False
     stepper = None
@@ -318,6 +318,7 @@ for line in sys.stdin:
     say("pid", child)
     say("end", os.waitstatus_to_exitcode(os.waitpid(child, 0)[1]))
 """
+)
 
 
 @dataclass(slots=True)

@@ -263,7 +263,7 @@ class CanopenNode(Device):
                 self._remember(name, value)
                 return
             self._wear.count(worn)
-        self._told(lambda: self._set(name, value, data))
+        self._ordered(lambda: self._set(name, value, data))
         self._remember(name, value)
 
     def _set(self, name: str, value: Value, data: bytes) -> None:
@@ -288,7 +288,7 @@ class CanopenNode(Device):
 
     def save(self) -> None:
         """Let the node keep all its settings when it is switched off (1010h). Nothing here does this unasked."""
-        self._told(partial(self._store, "its memory", STORE, 1, SAVE))
+        self._ordered(partial(self._store, "its memory", STORE, 1, SAVE))
 
     def _text(self, address: int) -> str:
         return told_text(self.link.upload(self.name, self._node, address >> 8, address & 0xFF))
@@ -348,7 +348,7 @@ class CanopenDevice(CanopenNode):
         for pdo in self._to_set_up:
             held = self._asked(partial(self._object, pdo.index, COB_ID, 4))
             for step in steps(self.contract, pdo, self.id, int.from_bytes(held, "little")):
-                self._told(partial(self._store, f"PDO {pdo.name}", *step))
+                self._ordered(partial(self._store, f"PDO {pdo.name}", *step))
 
     def _lost_pdos(self) -> list[str]:
         """Names of the PDOs that are no longer set up. Raises LinkError, DeviceError."""
@@ -370,7 +370,7 @@ class CanopenDevice(CanopenNode):
         `CanLink.beat`. Raises DeviceError: the node has no heartbeat consumer.
         """
         self._watched = (master << 16 | round(1e3 * within)).to_bytes(4, "little")
-        self._told(partial(self._store, "its heartbeat consumer", CONSUMER, 1, self._watched))
+        self._ordered(partial(self._store, "its heartbeat consumer", CONSUMER, 1, self._watched))
 
     def _barrier(self) -> None:
         """Ask for an object. What the node sent before its answer has come by then."""
@@ -459,7 +459,7 @@ class CanopenDevice(CanopenNode):
         """
         taken = self.contract.taken(pdo)
         data = self.contract.packed(taken, values, self._scales.encode)
-        self._told(lambda: self.link.send(taken.cob_id(self.id), data))
+        self._ordered(lambda: self.link.send(taken.cob_id(self.id), data))
         for name, value in values.items():
             self._remember(name, value)
 
@@ -506,7 +506,7 @@ class CanopenDevice(CanopenNode):
         if self._lost_pdos():
             self._set_pdos_up()
         if self._watched:
-            self._told(partial(self._store, "its heartbeat consumer", CONSUMER, 1, self._watched))
+            self._ordered(partial(self._store, "its heartbeat consumer", CONSUMER, 1, self._watched))
         if self._started:
             self.start()
         for name, value in self._settings.items():

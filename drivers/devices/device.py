@@ -76,7 +76,7 @@ class ScalingWatch:
         fields = device.contract.fields
         self._scales = tuple(dict.fromkeys(f.scaling.told_by for f in fields if f.scaling))
         self._units = {f.unit_in: f.unit for f in fields if f.unit_in}
-        self._known: dict[str, float] = {}
+        self._values_read: dict[str, float] = {}
         self._scaled = {f.name: f.scaling.told_by for f in fields if f.scaling}
 
     def check(self) -> None:
@@ -100,7 +100,7 @@ class ScalingWatch:
         """Take in what a field reads. Raises DeviceError: it tells a scale, and has changed."""
         if name not in self._scales:
             return
-        before = self._known.setdefault(name, value)
+        before = self._values_read.setdefault(name, value)
         if value != before:
             raise DeviceError(
                 f"{self._device.name}: {name} is {value:g}, was {before:g} before, so the scale of its readings has "
@@ -110,9 +110,9 @@ class ScalingWatch:
 
     def scale(self, name: str) -> float:
         """What the field of a scale reads, as it was when it was asked for first. Raises as `check`."""
-        if name not in self._known:
+        if name not in self._values_read:
             self.take(name, self._device.get(name))
-        return self._known[name]
+        return self._values_read[name]
 
     def beside(self, name: str) -> Mapping[str, float]:
         """What is needed beside a field's value in order to write it. Raises as `check`."""
@@ -408,14 +408,14 @@ class Device:
     def _asked(self, question: Callable[[], T]) -> T:
         for attempt in range(1, self.read_attempts + 1):
             try:
-                return self._told(question)
+                return self._ordered(question)
             except BenchError as error:
                 if self.broken or attempt == self.read_attempts:
                     raise
                 self.noticed(f"{error}; asked again")
         raise AssertionError("it is asked once or more")
 
-    def _told(self, order: Callable[[], T]) -> T:
+    def _ordered(self, order: Callable[[], T]) -> T:
         """The result of a request; an error gets the device's name."""
         try:
             if self.broken:

@@ -292,9 +292,9 @@ class ShakerAmplifier(ModbusDevice):
     def live(self) -> None:
         """Feed the watchdog with a single attempt. Raises as `feed` does."""
         if self._token:
-            self._told(lambda: self._as_owner({}))
+            self._ordered(lambda: self._as_owner({}))
         else:
-            self._told(lambda: self._read(("status",)))
+            self._ordered(lambda: self._read(("status",)))
 
     def release(self) -> None:
         """Switch the output off and give the ownership up. Raises LinkError, DeviceError."""
@@ -603,7 +603,7 @@ class StreamedExciter(CanopenDevice, Exciter):
 
     def feed(self) -> None:
         """Let the drive hear a heartbeat; there is no answer."""
-        self._told(self.live)
+        self._ordered(self.live)
 
     def live(self) -> None:
         """Let the drive hear a heartbeat, from whatever thread."""
@@ -628,8 +628,8 @@ class StreamedExciter(CanopenDevice, Exciter):
         if not peak:
             self._still()
             return
-        self._told(self.start)  # again, because another program may have told the node another state meanwhile
-        self._told(lambda: self.link.begin_cycle(self._stream.cob_id(self.id), frames, new.step_us))
+        self._ordered(self.start)  # again, because another program may have told the node another state meanwhile
+        self._ordered(lambda: self.link.begin_cycle(self._stream.cob_id(self.id), frames, new.step_us))
         self._grid, self._begun_ns, self._peak = new, self.clock.now_ns(), peak
         self._asked(self._barrier)  # the drive has got what was sent before
 

@@ -502,7 +502,7 @@ class ModbusDevice(Device):
             self._wear.count(worn)
         confirmed = True
         try:
-            confirmed = self._told(lambda: self._send(plan, plan.content(data), values))
+            confirmed = self._ordered(lambda: self._send(plan, plan.content(data), values))
         except BenchError as error:
             if isinstance(error, LinkError):
                 self._remember(values)  # a write without confirmation may have been carried out

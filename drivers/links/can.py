@@ -731,13 +731,13 @@ class LssDevice:
 
     def node_id(self) -> int | None:
         """Its node id; None: it has none. Raises LinkTimeout, DeviceError."""
-        with self._told("tell its node id"):
+        with self._named_errors("tell its node id"):
             found = int(self._master.inquire_node_id())  # type: ignore[no-untyped-call]
         return None if found == UNCONFIGURED else found
 
     def set_node_id(self, node: int) -> None:
         """Set its node id, which it uses after a reset. Raises LinkTimeout, DeviceError."""
-        with self._told(f"take node id {node}"):
+        with self._named_errors(f"take node id {node}"):
             self._master.configure_node_id(node)  # type: ignore[no-untyped-call]
 
     def set_bitrate(self, bitrate: int) -> None:
@@ -745,16 +745,16 @@ class LssDevice:
 
         Raises LinkTimeout, DeviceError.
         """
-        with self._told(f"take {bitrate} bit/s"):
+        with self._named_errors(f"take {bitrate} bit/s"):
             self._master.configure_bit_timing(BIT_TIMING[bitrate])  # type: ignore[no-untyped-call]
 
     def save(self) -> None:
         """Let it keep both when it is switched off. Raises LinkTimeout, DeviceError."""
-        with self._told("keep its settings"):
+        with self._named_errors("keep its settings"):
             self._master.store_configuration()  # type: ignore[no-untyped-call]
 
     @contextmanager
-    def _told(self, what: str) -> Iterator[None]:
+    def _named_errors(self, what: str) -> Iterator[None]:
         try:
             yield
         except LssError as error:

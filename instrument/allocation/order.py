@@ -1,8 +1,8 @@
 """The order of objects by their ratios, to a stated risk of error: which pairs are told, and what others would take.
 
     family = Family(objects=2, risk=0.05, most=5, prior_u=0.041, prior_freedom=7)
-    told = order(family, {"a": [0.31, 0.32], "b": [0.27]})
-    told.names, told.not_told
+    found = order(family, {"a": [0.31, 0.32], "b": [0.27]})
+    found.names, found.not_told
 
 All pairs are told together: the risk is that of one wrong pair anywhere in the order. Of the risk a fifth is spent by
 looks after each set of the object that is mounted, so that it can be taken off early (divided among looks and pairs,

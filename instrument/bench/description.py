@@ -503,7 +503,7 @@ class BenchDescription(Config):
 
     @field_validator("design")
     @classmethod
-    def _known(cls, design: str) -> str:
+    def _known_design(cls, design: str) -> str:
         try:
             return get_design(design).name
         except (ConfigError, UnknownName) as error:

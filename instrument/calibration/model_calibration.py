@@ -234,7 +234,7 @@ def fit_model(
 
     Args:
         references: at least one.
-        known: the model's errors against the thesis' experiments.
+        validation: the model's errors against the thesis' experiments.
         origin: the other fields of `ModelCalibration`.
 
     Raises:
@@ -272,7 +272,7 @@ def expected_u(validation: Validation, moduli_u: Sequence[float], scatter_u: flo
     """Standard uncertainty of ln of an object's ratio that references are expected to leave.
 
     Args:
-        known: the model's errors against the thesis' experiments, whose spread the references are expected to have.
+        validation: the model's errors against the thesis' experiments; the references are expected to spread as much.
         moduli_u: uncertainty of each reference's ln ratio by its modulus.
         scatter_u: that by its load sets.
 

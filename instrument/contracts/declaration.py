@@ -680,12 +680,12 @@ FOR_PEOPLE = ("title",)
 
 def digest(contract: Declaration) -> str:
     """SHA-256 of a whole declaration, without what is for people only."""
-    declared = _said(contract, FIRST_OF_CONTRACT)
-    declared["fields"] = [_said(f, FIRST_OF_FIELD) for f in contract.fields]
+    declared = _as_dict(contract, FIRST_OF_CONTRACT)
+    declared["fields"] = [_as_dict(f, FIRST_OF_FIELD) for f in contract.fields]
     return hashlib.sha256(json.dumps(declared, sort_keys=True, default=_plain).encode()).hexdigest()
 
 
-def _said(thing: Field | Declaration | Pdo | Manners, first: tuple[str, ...]) -> dict[str, Any]:
+def _as_dict(thing: Field | Declaration | Pdo | Manners, first: tuple[str, ...]) -> dict[str, Any]:
     """The first keys of a field, contract or PDO, and those of the others that are not at their default."""
     found: dict[str, Any] = {}
     for each in fields(thing):
@@ -699,7 +699,7 @@ def _said(thing: Field | Declaration | Pdo | Manners, first: tuple[str, ...]) ->
 def _plain(value: Any) -> Any:
     """A mapping or dataclass as a dict, for JSON."""
     if isinstance(value, Pdo):
-        return _said(value, FIRST_OF_PDO)
+        return _as_dict(value, FIRST_OF_PDO)
     if isinstance(value, Manners):
-        return _said(value, FIRST_OF_MANNERS)
+        return _as_dict(value, FIRST_OF_MANNERS)
     return dict(value) if isinstance(value, Mapping) else asdict(value)

@@ -914,7 +914,7 @@ def fit_pieces(pieces: Pieces, frequency: float) -> SineFit:
     _check_step(record.step, record.last - record.first, frequency)
     basis, scaled = tuned_to(record, *_rated(record, frequency))
     around, rapid = record.noise(basis, scaled)
-    fit = _told(basis, record.level, scaled, around, rapid, record.samples, record.step)
+    fit = _sine_fit(basis, record.level, scaled, around, rapid, record.samples, record.step)
     return replace(fit, degrees_of_freedom=float(fit.degrees_of_freedom))
 
 
@@ -951,10 +951,10 @@ def _fitted(basis: SineColumns, time: Floats, level: Floats, centred: Floats, sc
     residuals, spent = centred - basis.fitted(scaled), basis.scale.size
     around = _noise_around(basis, residuals, step, spent)
     rapid = rapid_noise(time, residuals, 1 / (basis.frequency * step), spent)
-    return _told(basis, level[..., 0], scaled, around, rapid, time.size, step)
+    return _sine_fit(basis, level[..., 0], scaled, around, rapid, time.size, step)
 
 
-def _told(
+def _sine_fit(
     basis: SineColumns,
     level: Floats,
     scaled: Floats,

@@ -179,7 +179,11 @@ def outcome_of(
         bench_seconds, wall_seconds: how long it took.
     """
     model = scene.model if scene else None
-    films = None if lab.films is None else _told(lab, begun, lab.films, "film_calibration", SensorNode, lab.design.name)
+    films = (
+        None
+        if lab.films is None
+        else _calibration_text(lab, begun, lab.films, "film_calibration", SensorNode, lab.design.name)
+    )
     found: Outcome = {
         "simulated": lab.bench.simulated,
         "run": str(folder),
@@ -189,7 +193,7 @@ def outcome_of(
         "parameter_set": scene.file.parameters if scene else None,
         "evidence": None if model is None else of_experiment("force_ratio", ratio_by(model)).value,
         "seed": scene.seed if scene else None,
-        "calibration": _told(lab, begun, lab.calibration, "calibration", LoadIndicator),
+        "calibration": _calibration_text(lab, begun, lab.calibration, "calibration", LoadIndicator),
         "film_calibration": films,
         "calibration_files": _calibration_files(lab),
         "mounting": mounting,
@@ -209,7 +213,9 @@ def outcome_of(
     return {**found, **_reduced(scene)}
 
 
-def _told(lab: Lab, begun: Mapping[str, Any], calibration: Calibration, key: str, role: type[Any], *of: str) -> str:
+def _calibration_text(
+    lab: Lab, begun: Mapping[str, Any], calibration: Calibration, key: str, role: type[Any], *of: str
+) -> str:
     """A calibration of a run for people, with what speaks against it; `key` names it in the header."""
     doubts = [] if calibration == THESIS_LOAD_CELL else calibration.doubts(owner(lab.bench, role, *of), lab.started)
     before = begun.get(key)

@@ -35,7 +35,7 @@ MOST_INCIDENTS = 200
 MOST_SAMPLES = 8192  # of each film in a trace; of a longer one the end is shown
 LASTING = ("campaign",)  # what is told of more than one run
 
-_Told = tuple[str, Mapping[str, Any], Callable[[], str]]  # kind, data, and what makes the line of JSON
+_Line = tuple[str, Mapping[str, Any], Callable[[], str]]  # kind, data, and what makes the line of JSON
 
 
 class _Viewer:
@@ -60,7 +60,7 @@ class Feed:
     def __init__(self, controls: Sequence[str] = (), stored: bool = False) -> None:
         self.controls, self.stored = controls, stored
         self.folder: Path | None = None
-        self._told: deque[_Told] = deque()
+        self._waiting: deque[_Line] = deque()
         self._traces: deque[Event] = deque(maxlen=1)
         self._lock = threading.Lock()  # of all below
         self._viewers: list[_Viewer] = []
@@ -81,11 +81,11 @@ class Feed:
         if event.kind == "trace":
             self._traces.append(event)
         else:
-            self._told.append((event.kind, event.data, event.line))
+            self._waiting.append((event.kind, event.data, event.line))
 
     def tell(self, kind: str, data: Mapping[str, Any]) -> None:
         """Tell the pages something that is no event of the run."""
-        self._told.append((kind, data, lambda: as_json({"event": kind, **data})))
+        self._waiting.append((kind, data, lambda: as_json({"event": kind, **data})))
 
     # --- who sends -------------------------------------------------------------------------------------
 
@@ -113,13 +113,13 @@ class Feed:
 
     def _news(self) -> Iterator[bytes]:
         """The messages of what was told since, which are kept for new pages."""
-        while self._told:
-            kind, data, line = self._told.popleft()
+        while self._waiting:
+            kind, data, line = self._waiting.popleft()
             message = _message(line())
             if kind == "begun":
                 self._restart()
                 self.folder = Path(data["run"])
-                self._told.extendleft(reversed(list(_by_record(self.folder, data["points"]))))
+                self._waiting.extendleft(reversed(list(_by_record(self.folder, data["points"]))))
             if kind in ("begun", "planned"):
                 self._begun.append(message)
             elif kind == "point":
@@ -158,7 +158,7 @@ class Feed:
     def waits(self) -> bool:
         """Whether a page has not got all that was told."""
         with self._lock:
-            return bool(self._told) or any(each.waiting or not each.ready for each in self._viewers)
+            return bool(self._waiting) or any(each.waiting or not each.ready for each in self._viewers)
 
     def close(self) -> None:
         """Send all pages away."""
@@ -184,7 +184,7 @@ class Feed:
         return _trace_line(Event("trace", 0, {**data, "voltage": voltage})).encode()
 
 
-def _by_record(folder: Path, points: int) -> Iterator[_Told]:
+def _by_record(folder: Path, points: int) -> Iterator[_Line]:
     """What the record of a run tells when it begins: its devices, and the points of an earlier part."""
     try:
         run = Run.open(folder)

@@ -111,12 +111,12 @@ class FrequencyResult:
     def summary(self) -> dict[str, Any]:
         """The result for JSON, without its points."""
         return {
-            "corners": [{"film": film, **_known(corner)} for film, corner in self.corners.items()],
+            "corners": [{"film": film, **_corner_fields(corner)} for film, corner in self.corners.items()],
             "resonance": None if self.resonance is None else asdict(self.resonance),
         }
 
 
-def _known(corner: Corner | None) -> dict[str, float | None]:
+def _corner_fields(corner: Corner | None) -> dict[str, float | None]:
     if corner is None:
         return dict.fromkeys(("gain", "gain_u", "corner_Hz", "corner_u", "time_constant_s"))
     return {**asdict(corner), "time_constant_s": corner.time_constant}

@@ -495,9 +495,9 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
         worst, plan = max(plans.items(), key=lambda each: each[1].half)
         sets_text = ", ".join(f"{1e3 * x:g}: {one.sets}" for x, one in plans.items())
         longest = show(max(one.dwell for one in plans.values()), "s")
-        lines_told = [
-            wanted_of("each place", self._told, self.time)
-            + ("" if self._told else ", shared alike among the positions"),
+        shown = [
+            wanted_of("each place", self._tolerance_text, self.time)
+            + ("" if self._tolerance_text else ", shared alike among the positions"),
             f"plan           load sets at each position (mm): {sets_text}, of {longest} at most: "
             f"{duration(seconds)} (person {MOUNTING * (1 + len(plans)):g} s)",
             f"expected       ± {mm(plan.half)} at most, at {mm(worst)}",
@@ -509,7 +509,7 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
              "u_mm": 1e3 * one.u, "half_mm": 1e3 * one.half, "binds": one.binds, "shares": one.shares}
             for x, one in plans.items()
         ]  # fmt: skip
-        return Plan(self.name, steps, foreseen(seconds, None, results, lines_told, planned=planned), repeats)
+        return Plan(self.name, steps, foreseen(seconds, None, results, shown, planned=planned), repeats)
 
     def _plans(self, ways: Mapping[float, Sequence[RunOption]]) -> dict[float, Allocation]:
         """The plan of each position.
@@ -528,7 +528,7 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
         return _for_time(ways, self.time or 0.0)
 
     @property
-    def _told(self) -> str:
+    def _tolerance_text(self) -> str:
         """The tolerance for people; empty: there is none."""
         return "" if self.tolerance is None else f"± {mm(self.tolerance)}"
 
@@ -579,7 +579,9 @@ class PositionSweep(Sweep[PositionStep, PositionPoint, PositionResult, Places | 
                 places.append(place)
                 missed += [] if each.reaches(1e-3 * place.half_mm) else [f"{place.position_mm:g}"]
         where = f" at {', '.join(missed)} mm" if missed else ""
-        return evaluate(points, places, ended_by("load set", self._told, self.time, where, " at each position"))
+        return evaluate(
+            points, places, ended_by("load set", self._tolerance_text, self.time, where, " at each position")
+        )
 
     def report(self, result: PositionResult, lab: Lab) -> Report:
         plot = partial(plot_sweep, result, lab.design, get_sample(self.sample), lab.bench.simulated)

@@ -147,7 +147,7 @@ def read_traces(folder: Path, design: Design, frequency: float) -> Traces:
 def distortion_sentence(design: Design, points: Mapping[str, PointTraces]) -> str:
     """Sentence on what the oscilloscope shows, and on the distortion of every film by sample (thesis 5.4.1)."""
     listed = "; ".join(
-        f"{film.name} " + ", ".join(_said(key, traces.distortions[number]) for key, traces in points.items())
+        f"{film.name} " + ", ".join(_distortion_text(key, traces.distortions[number]) for key, traces in points.items())
         for number, film in enumerate(design.films)
     )
     why = (
@@ -159,7 +159,7 @@ def distortion_sentence(design: Design, points: Mapping[str, PointTraces]) -> st
     )
 
 
-def _said(sample: str, seen: Distortion) -> str:
+def _distortion_text(sample: str, seen: Distortion) -> str:
     return f"{sample}: {100 * seen.value:.3f} ({100 * seen.u:.3f}){'*' * (seen.by_noise < FALSE_ALARMS)}"
 
 

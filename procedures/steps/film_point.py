@@ -66,7 +66,7 @@ def forces_differ(
         frequency: frequency of the drive [Hz].
         load: load by the load cell, peak to peak [N].
         load_u: standard uncertainty of the load [N].
-        known: degrees of freedom of `load_u`.
+        load_freedom: degrees of freedom of `load_u`.
     """
     # The films' sensitivities do not contain what the charge amplifier takes away at low frequencies.
     passed = 1 / math.hypot(1.0, 1 / (2 * math.pi * frequency * CHARGE_AMPLIFIER))

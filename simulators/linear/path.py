@@ -32,7 +32,7 @@ MOST = 4000  # greatest number of transitions in one period of the drive
 
 
 @dataclass(frozen=True, eq=False)
-class _Known:
+class _ModeMotion:
     """Results that are computed once for a mode: periodic state, and the system of the states that guards see."""
 
     mode: Mode
@@ -61,7 +61,7 @@ class Path:
     ) -> None:
         self._check = check
         self._inputs = inputs
-        self._known: dict[int, _Known] = {}
+        self._motions: dict[int, _ModeMotion] = {}
         self.start_ns = start_ns
         frequency = inputs[0].frequency
         self._period = SECOND * HERTZ // frequency if frequency else LONGEST
@@ -94,7 +94,7 @@ class Path:
     def magnitude(self, rows: slice) -> Floats:
         """Sums (rows,) of the sizes of all terms that make up outputs in the first mode, which tell their rounding."""
         mode, start_ns, state = self._first
-        return self._know(mode).steady.magnitude((mode.system.c[rows], mode.system.d[rows]), start_ns, state)
+        return self._motion(mode).steady.magnitude((mode.system.c[rows], mode.system.d[rows]), start_ns, state)
 
     def state(self, time_ns: int) -> Floats:
         """The state (s,) at a time from the change on."""
@@ -185,7 +185,7 @@ class Path:
         self._enter(mode, last.end_ns, state)
 
     def _enter(self, mode: Mode, start_ns: int, state: Floats) -> None:
-        mechanics = self._know(mode)
+        mechanics = self._motion(mode)
         self._largest = np.maximum(self._largest, np.abs(state))
         end_ns, failed = mechanics.watch.first_failure(start_ns, state[mechanics.seen])
         guard = None if failed is None else mode.guards[failed]
@@ -193,16 +193,16 @@ class Path:
         if self._inputs[0].frequency:
             self._look_for_repeat(self.stretches[-1])
 
-    def _know(self, mode: Mode) -> _Known:
-        if id(mode) not in self._known:
+    def _motion(self, mode: Mode) -> _ModeMotion:
+        if id(mode) not in self._motions:
             system, count = mode.system, len(mode.guards)
             states = np.array([guard.row[0][0] for guard in mode.guards]).reshape(count, system.order)
             inputs = np.array([guard.row[1][0] for guard in mode.guards]).reshape(count, len(self._inputs))
             shape = count, system.order, len(self._inputs)
             seen, by_itself = _by_itself(system.a.tobytes(), system.b.tobytes(), states.tobytes(), shape)
             watch = CrossingWatch(by_itself.drive(self._inputs), (states[:, seen], inputs))
-            self._known[id(mode)] = _Known(mode, system.drive(self._inputs), seen, watch)
-        return self._known[id(mode)]
+            self._motions[id(mode)] = _ModeMotion(mode, system.drive(self._inputs), seen, watch)
+        return self._motions[id(mode)]
 
     def _look_for_repeat(self, stay: Stretch) -> None:
         """Compare the states of successive periods of the drive in a new stretch."""
@@ -226,7 +226,7 @@ class Path:
         return self.start_ns - (-number * CYCLE // self._inputs[0].frequency)
 
     def _watch(self, mode: Mode) -> tuple[CrossingWatch, list[int]]:
-        mechanics = self._know(mode)
+        mechanics = self._motion(mode)
         return mechanics.watch, mechanics.seen
 
 

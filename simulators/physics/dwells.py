@@ -65,7 +65,7 @@ class SimulatedDwell:
     starts: Sequence[Path]
     linear: bool
     limited: bool
-    _known: dict[tuple[Seen, bool], Floats] = field(default_factory=dict, init=False)
+    _computed: dict[tuple[Seen, bool], Floats] = field(default_factory=dict, init=False)
 
     def volts(self, linear: bool) -> Floats:
         """Voltages (phases, films, n) [V] for each phase of the drive; `linear`: by superposition."""
@@ -81,9 +81,9 @@ class SimulatedDwell:
         return np.asarray(ROUNDING * terms.max(axis=0))
 
     def _seen(self, what: Seen, linear: bool) -> Floats:
-        if (what, linear) not in self._known:
-            self._known[what, linear] = superposed(self._begun(what)) if linear else self._shifted(what)
-        return self._known[what, linear]
+        if (what, linear) not in self._computed:
+            self._computed[what, linear] = superposed(self._begun(what)) if linear else self._shifted(what)
+        return self._computed[what, linear]
 
     def at(self, times: Times, linear: bool) -> tuple[Floats, Floats]:
         """Voltages and rates at other ascending times [ns]; `linear`: for the phases that `superposed` needs."""

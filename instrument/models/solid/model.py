@@ -307,7 +307,7 @@ def estimates(
         curves: all refinements from the first on, two or more.
         parameters: the sensor; its modulus of the object has no effect.
         moduli: moduli of the object [Pa].
-        known: curves of what is asked `beside` these; None: they are found.
+        companions: curves of what is asked `beside` these; None: they are found.
     """
     if companions is None:
         companions = [curve_on(*each).poles for each in beside(parameters, len(curves))]

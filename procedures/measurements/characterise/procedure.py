@@ -478,7 +478,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             return max(each.u for each in figures if each.name.startswith(f"{quantity}, "))
 
         lines = [
-            wanted_of("the force sensitivity of each film", self._told, self.time),
+            wanted_of("the force sensitivity of each film", self._tolerance_text, self.time),
             f"plan           {counted(rounds, 'round')} of {loads} loads up, of {show(self.dwell, 's')}; then down and "
             "held",
             f"time           {duration(plan.seconds)} ({target.mounts.described(1)})",
@@ -491,7 +491,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
         return foreseen(plan.seconds, plan.u, figures, lines, planned=planned)
 
     @property
-    def _told(self) -> str:
+    def _tolerance_text(self) -> str:
         """The tolerance for people; empty: there is none."""
         return "" if self.tolerance is None else plus_minus(self.tolerance, 3)
 
@@ -539,7 +539,7 @@ class Characterisation(Procedure[CharacteriseStep, FilmsPoint, CharacteriseResul
             return found
         missed = [f"{plus_minus(u, 3)} of film {film}" for film, u in found.sensitivities if not repeats[0].reaches(u)]
         where_missed = f": {', '.join(missed)}" if missed else ""
-        return replace(found, stopped=ended_by("round of loads", self._told, self.time, where_missed))
+        return replace(found, stopped=ended_by("round of loads", self._tolerance_text, self.time, where_missed))
 
     def report(self, result: CharacteriseResult, lab: Lab) -> Report:
         from palpate.procedures.measurements.characterise.report import plot_characteristics, show_characteristics

@@ -19,7 +19,7 @@ from palpate.instrument.calibration.load_cell import (
 )
 from palpate.instrument.durable import put_whole
 from palpate.instrument.uncertainty.budget import COVERAGE, coverage_factor
-from palpate.procedures.measurements.load_cell.dcc import TOLD, CertifiedQuantity, dcc
+from palpate.procedures.measurements.load_cell.dcc import IN_WORDS, CertifiedQuantity, dcc
 from palpate.procedures.measurements.load_cell.report import CREEP_TIMES, FILTER, SETTLING, ZERO_AFTER
 from palpate.procedures.records.run import Run, storing
 from palpate.procedures.showing.page import page, pairs, rows, section
@@ -48,7 +48,7 @@ def write_certificate(folder: Path, calibration: LoadCellCalibration) -> Path:
     """
     run, quantities = Run.open(folder), _quantities(calibration)
     sections = _sections(run, calibration, quantities)
-    by_section = {each.heading: list(map(_told, each.rows)) for each in sections if each.heading in TOLD}
+    by_section = {each.heading: list(map(_name_and_text, each.rows)) for each in sections if each.heading in IN_WORDS}
     texts = {
         "certificate.md": _markdown(calibration.simulated, sections),
         "certificate.html": page(TITLE, calibration.simulated, map(_html, sections)),
@@ -116,7 +116,7 @@ def _sections(run: Run, c: LoadCellCalibration, quantities: Sequence[CertifiedQu
     ]  # fmt: skip
 
 
-def _told(row: Sequence[str]) -> tuple[str, str]:
+def _name_and_text(row: Sequence[str]) -> tuple[str, str]:
     """A row of two or three cells in words: a name, then a value and its class, if they are known."""
     name, *cells = row
     return name, "; class: ".join(cell for cell in cells if cell != "-")

@@ -29,8 +29,8 @@ UNITS = {
     "mV/N²": r"\milli\volt\newton\tothe{-2}",
 }  # of the SI as a DCC writes them
 NORMS = ("ISO 376", "ASTM E74")
-TOLD = ("Settings", "Conditions", "Classification", "Validity")  # sections that it tells in words
-Told = Iterable[tuple[str, str]]  # names and texts
+IN_WORDS = ("Settings", "Conditions", "Classification", "Validity")  # sections that it tells in words
+NamesAndTexts = Iterable[tuple[str, str]]  # names and texts
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,14 +48,14 @@ class CertifiedQuantity:
         return self.k * self.u
 
 
-def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], texts: Mapping[str, Told]) -> str:
+def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], texts: Mapping[str, NamesAndTexts]) -> str:
     """The certificate as XML.
 
     Args:
         run: the run, with its points.
         device: serial number of the load cell with its indicator.
         quantities: the results with their uncertainties.
-        told: names and texts of the sections `TOLD`.
+        texts: names and texts of the sections `IN_WORDS`.
     """
     serials: Any = run.header["devices"]
     settings = "; ".join(f"{name}: {text}" for name, text in texts["Settings"])
@@ -85,7 +85,7 @@ def dcc(run: Run, device: str, quantities: Sequence[CertifiedQuantity], texts: M
     return ElementTree.tostring(root, encoding="unicode", xml_declaration=False) + "\n"
 
 
-def _administrative(run: Run, device: str, validity: Told) -> Element:
+def _administrative(run: Run, device: str, validity: NamesAndTexts) -> Element:
     versions: Any = run.header["versions"]
     about, country = run.about, run.about.get("country", "")
     country = country if re.fullmatch("[A-Z]{2}", country) else NOWHERE
