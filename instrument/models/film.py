@@ -80,7 +80,6 @@ def film_response(
             "clamped": glued to something rigid, the strain along 1 and 2 is zero.
         circuit: "open" or "short".
         plane_stress: stresses along axes 1 and 2 [Pa], of free edges.
-        layers: number of layers.
 
     Raises:
         RangeError: area or thickness is not positive and finite, or force or stress is not finite.

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import functools
 from collections.abc import Callable
+from contextlib import suppress
 from dataclasses import replace
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -11,6 +12,7 @@ from typing import TYPE_CHECKING
 import click
 
 from palpate.instrument.arithmetic import arithmetic, own_kernels
+from palpate.instrument.errors import PalpateError
 from palpate.instrument.quantity import show
 from palpate.instrument.sensor.material import PLEXIGLAS_PHYSICAL, PLEXIGLAS_THESIS
 from palpate.procedures.commands import texts
@@ -207,8 +209,9 @@ def takes_long(design: str, model: str) -> bool:
 def choose_kernels(context: click.Context, parameter: click.Parameter, value: str) -> str:
     """Choose the kernels once design and model are read: before other options, whose units may load numpy."""
     given = {**context.params, str(parameter.name): value}
-    if {"design", "name"} <= given.keys() and takes_long(given["design"], given["name"]):
-        own_kernels()
+    with suppress(PalpateError):  # what is no design is told by the command, unless --help is asked for
+        if {"design", "name"} <= given.keys() and takes_long(given["design"], given["name"]):
+            own_kernels()
     return value
 
 
